@@ -29,6 +29,7 @@ from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.thrust_command import ThrustCommander
 from companion.core.pilot.trust.accelerometer_check import AccelerometerState
 from companion.core.pilot.trust.heading_check import HeadingState
+from companion.core.pilot.trust.late_ranges import LateRangesState
 from companion.core.pilot.trust.model_motion import ModelMotion
 from companion.core.pilot.trust.motion_check import MotionState
 from companion.core.pilot.trust.thruster_monitor import ThrusterState
@@ -164,5 +165,5 @@ def _leg(state: PilotState, estimate: StateEstimate) -> LegAhead | None:
 
 def _findings(state: PilotState) -> tuple[Finding, ...]:
     """What speaks against the estimate."""
-    monitors = AccelerometerState, HeadingState, MotionState
+    monitors = AccelerometerState, HeadingState, MotionState, LateRangesState
     return tuple(finding for kind in monitors for finding in state.monitor(kind).findings)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,11 +22,12 @@ def course(t_s):
     return TURN_RAD_S * 2.0 * math.sin(t_s / 2.0), TURN_RAD_S * math.cos(t_s / 2.0)
 
 
-def watched(spoil, seed=1):
-    """The monitor's state after 12 s at 50 Hz; `spoil`: what psi and r become from `FAULT_S` on."""
-    monitor, rng = HeadingMonitor(boat("aritra").sensors, 0.0), np.random.default_rng(seed)
+def watched(spoil, seed=1, end_s=END_S, share=lambda t_s: 0.1):
+    """The monitor's state after 12 s at 50 Hz; `spoil`: what psi and r become from `FAULT_S` on; `share`: of thrust."""
+    vessel = boat("aritra")
+    monitor, rng = HeadingMonitor(vessel, 0.0), np.random.default_rng(seed)
     state = HeadingState()
-    for k in range(round(END_S * 50)):
+    for k in range(round(end_s * 50)):
         t_ns, (psi, r) = k * S // 50, course(k / 50)
         psi, r = psi + rng.normal(0, 0.002), r + rng.normal(0, 0.002)
         if k / 50 >= FAULT_S:
@@ -35,7 +37,8 @@ def watched(spoil, seed=1):
         )
         state, _ = monitor.on_message(state, message, t_ns)
         if k % 5 == 0:
-            seen = replace(view(t_ns), belief=object(), model_nu=(0.0, 0.0, course(k / 50)[1]))
+            f_n = np.array([share(k / 50) * t.force_max_N for t in vessel.thrusters])
+            seen = replace(view(t_ns), belief=SimpleNamespace(f_n=f_n), model_nu=(0.0, 0.0, course(k / 50)[1]))
             state, _ = monitor.on_tick(state, seen)
     return state
 
@@ -66,3 +69,20 @@ def test_what_is_no_fault_is_none(name):
         "the noise of a poor gyro": lambda psi, r, rng: (psi, r + rng.normal(0, 0.02)),
     }
     assert watched(spoils[name]).findings == ()
+
+
+def test_a_compass_that_drifts_is_found_though_slowly():
+    """By 1 degree a second: more than the gyro's own drift, less than any short window shows."""
+    drift = iter(np.arange(0.0, 10.0, math.radians(1.0) / 50))
+    (finding,) = watched(lambda psi, r, rng: (psi + next(drift), r), end_s=30.0).findings
+    assert finding.t_ns <= (FAULT_S + 14.0) * S
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.9, 0), (0.1, 1)])
+def test_a_compass_that_full_thrust_turns_is_no_fault(share, found):
+    """By 0.2 rad within two seconds of setting off, as BlueBoat's run 216; without thrust it is one."""
+    turned = iter(0.2 * np.minimum(1.0, np.arange(0.0, 40.0, 0.02) / 2.0))
+    state = watched(
+        lambda psi, r, rng: (psi + next(turned), r), end_s=30.0, share=lambda t_s: share if t_s > FAULT_S else 0.0
+    )
+    assert len(state.findings) == found

@@ -1,0 +1,203 @@
+"""Ranges that come later than the file says: they tell where the boat was, and a filter that believes them lags behind.
+
+    z_i = |a_i - p_tag(t)|       p_tag(t) = c + w t + b g(t - tau) + p(t - tau)       tau = 0, or 0.5 to 2 s
+
+Plane vectors are complex numbers here, north + i east. p is the tag's path by two witnesses that know nothing of
+ranges: the model's speed under the commanded thrust, added up (b: scale and rotation of g = p, what a hull and
+thrusters that are off do to it; w: a current), and the specific force, added up twice (b: bias, g = double integral of
+the heading; w: the speed at first). The ranges are late if tau explains a window of them better than all these, by
+both: the model alone is too early where the boat is heavier than its file says, the specific force alone misleads where
+its levelling is wrong.
+"""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from statistics import fmean
+from typing import NamedTuple
+
+import numpy as np
+
+from companion.core.configuration.sensors import Sensors
+from companion.core.configuration.site_file import Site
+from companion.core.estimation.filter_state import FilterState
+from companion.core.estimation.ranging.ranges import line_of_sight
+from companion.core.geometry.frames import to_level
+from companion.core.messages import Alert, ImuSample, OperatorCommand, UwbRanges
+from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
+from companion.core.pilot.trust.verdict import Finding, is_forgotten
+
+DELAYS_S = (0.0, 0.5, 1.0, 1.5, 2.0)
+WINDOW_S, PERIOD_NS, GAP_S = 12.0, 1_000_000_000, 0.5
+"""What is looked at, and how often; without an IMU for longer it begins anew. Assumed."""
+WAY_M, LEAST_RANGES = 3.0, 16
+"""A boat that has hardly moved says nothing about time; assumed."""
+FLOW_M_S, SHARE, BIAS_M_S2 = 0.3, 0.15, 0.05
+"""Sigmas of a current, of scale and rotation [rad] of the model's path, and of the specific force's bias; assumed."""
+MODEL_NATS, FORCE_NATS, COUNTS_HZ = 14.0, 7.0, 4.0
+"""Assumed. Of 32 boats that were half as heavy or strong again as their file says, or half of that, none had more than
+12 and 6 at once. Ranges that come more often than `COUNTS_HZ` share their errors."""
+HUBER, REWEIGHTED = 2.5, 4
+"""Sigmas from which a range counts for less: reflections."""
+
+
+class PathPoint(NamedTuple):
+    """A tick: e^(i psi), the model's speed [m/s] and the specific force [m/s^2], both in north and east."""
+
+    t_s: float
+    heading: complex
+    speed: complex
+    force: complex
+
+
+class SeenRange(NamedTuple):
+    """A range as a projection: `along_m` is the part of the tag's place along `u`, a unit vector from its anchor."""
+
+    t_s: float
+    u: complex
+    along_m: float
+
+
+@dataclass(frozen=True)
+class LateRangesState:
+    """`path`, `ranges`: of the window; `forces`, `cycles`: arrived since the last tick."""
+
+    path: tuple[PathPoint, ...] = ()
+    ranges: tuple[SeenRange, ...] = ()
+    forces: tuple[ImuSample, ...] = ()
+    cycles: tuple[UwbRanges, ...] = ()
+    judged_ns: int = 0
+    findings: tuple[Finding, ...] = ()
+
+
+class LateRangesMonitor(Monitor[LateRangesState]):
+    """Says that ranges come late; the estimate is no longer healthy (`verdict.vet`), until the next start."""
+
+    hears = (UwbRanges, ImuSample, OperatorCommand)
+    initial = LateRangesState()
+
+    def __init__(self, sensors: Sensors, site: Site):
+        self._uwb, self._imu = sensors.uwb, sensors.imu
+        self._anchors_m = {a.id: np.array([a.north_m, a.east_m, a.down_m]) for a in site.anchors}
+
+    def on_message(
+        self, state: LateRangesState, message: UwbRanges | ImuSample | OperatorCommand, t_ns: int
+    ) -> tuple[LateRangesState, MonitorReport]:
+        """Keep what comes until the tick; a new start forgets what was found."""
+        if isinstance(message, OperatorCommand):
+            return (self.initial if is_forgotten(state.findings, message) else state), NOTHING
+        if state.findings or self._uwb is None:
+            return state, NOTHING
+        if isinstance(message, ImuSample):
+            return replace(state, forces=(*state.forces, message)), NOTHING
+        return replace(state, cycles=(*state.cycles, message)), NOTHING
+
+    def on_tick(self, state: LateRangesState, view: TickView) -> tuple[LateRangesState, MonitorReport]:
+        """One more point of the path, and once a second a verdict."""
+        if state.findings or self._uwb is None:
+            return state, NOTHING
+        if view.belief is None or view.learning:
+            return self.initial, NOTHING
+        state = self._moved(state, view, view.belief)
+        if view.t_ns - state.judged_ns < PERIOD_NS or view.thrusters_suspected:
+            return state, NOTHING
+        state = replace(state, judged_ns=view.t_ns)
+        if not (delay_s := self._delay_s(state)):
+            return state, NOTHING
+        text = (
+            f"UWB ranges come about {delay_s:g} s late: they tell where the boat was (latency_s of sensors.uwb in the"
+            " vessel file, or a slow link to the tag?)"
+        )
+        state = replace(state, findings=(Finding("sensor", "position", text, view.t_ns),))
+        return state, MonitorReport(alerts=(Alert(t_ns=view.t_ns, level="error", text=text),))
+
+    def _moved(self, state: LateRangesState, view: TickView, belief: FilterState) -> LateRangesState:
+        """With the tick's motion, and the ranges that came before it."""
+        if not state.forces:
+            is_gap = not state.path or view.t_ns * 1e-9 - state.path[-1].t_s > GAP_S
+            return replace(self.initial, cycles=state.cycles) if is_gap else state
+        level = [to_level(*belief.tilt, m.ax_m_s2, m.ay_m_s2, m.az_m_s2) for m in state.forces]
+        t_s, heading, (u, v, _) = view.t_ns * 1e-9, cmath.rect(1.0, float(belief.x[2])), view.model_nu
+        force = complex(fmean(a[0] for a in level), fmean(a[1] for a in level))
+        tag = complex(*belief.x[:2]) + heading * complex(self._uwb.x_m, self._uwb.y_m)
+        tag_m = np.array([tag.real, tag.imag, self._uwb.z_m])
+        point = PathPoint(t_s, heading, heading * complex(u, v), heading * force)
+        seen = [r for m in state.cycles for r in self._projected(m, tag_m)]
+        return replace(
+            state, forces=(), cycles=(), path=_since(t_s - WINDOW_S - DELAYS_S[-1], (*state.path, point)),
+            ranges=_since(t_s - WINDOW_S, (*state.ranges, *seen)),
+        )  # fmt: skip
+
+    def _projected(self, m: UwbRanges, tag_m: np.ndarray) -> Iterable[SeenRange]:
+        """Ranges of known anchors, linear about `tag_m`: u . p_tag = z - |tag_m - a| + u . tag_m."""
+        for r in m.ranges:
+            if r.anchor in self._anchors_m:
+                distance, e = line_of_sight(tag_m, self._anchors_m[r.anchor])
+                yield SeenRange(m.t_ns * 1e-9, complex(e[0], e[1]), r.range_m - distance + float(e[:2] @ tag_m[:2]))
+
+    def _delay_s(self, state: LateRangesState) -> float:
+        """Of the ranges of the window; 0: none that is sure."""
+        seen = state.ranges
+        if len(seen) < LEAST_RANGES:
+            return 0.0
+        t_s, heading, speed, force = (np.array(column) for column in zip(*state.path, strict=True))
+        dt_s = np.diff(t_s, prepend=t_s[0])
+        way = np.cumsum(dt_s * speed)
+        if np.abs(np.diff(way)).sum() < WAY_M:
+            return 0.0
+        weight = min(1.0, COUNTS_HZ * len(self._anchors_m) * (seen[-1].t_s - seen[0].t_s) / len(seen))
+        tag, imu = complex(self._uwb.x_m, self._uwb.y_m), complex(self._imu.x_m, self._imu.y_m)
+        by_model = way + heading * tag
+        by_force = np.cumsum(dt_s * np.cumsum(dt_s * force)) + heading * (tag - imu)
+        window, bias = RangeWindow(seen, self._uwb.range_sigma_m), np.cumsum(dt_s * np.cumsum(dt_s * heading))
+        delay_s, nats = window.best(t_s, by_model, by_model - by_model.mean(), (FLOW_M_S, SHARE))
+        if nats * weight < MODEL_NATS:
+            return 0.0
+        _, nats = window.best(t_s, by_force, bias, (np.inf, BIAS_M_S2))
+        return delay_s if nats * weight >= FORCE_NATS else 0.0
+
+
+class RangeWindow:
+    """Ranges of a window, each with the same sigma [m]."""
+
+    def __init__(self, seen: Sequence[SeenRange], sigma_m: float):
+        self._t_s, self._u, self._along_m = (np.array(column) for column in zip(*seen, strict=True))
+        self._sigma_m = sigma_m
+
+    def best(
+        self, t_s: np.ndarray, path: np.ndarray, shape: np.ndarray, sigmas: tuple[float, float]
+    ) -> tuple[float, float]:
+        """The delay that explains them best on this path, and by how much better than none [nats].
+
+        `path` and `shape`: p and g at the times `t_s`, complex; `sigmas` of w and b. Nats are divided by how badly even
+        the best explains them: errors that nothing of this is the cause of.
+        """
+        information = np.repeat([0.0, *(s**-2 for s in sigmas)], 2)
+        costs = []
+        for delay_s in DELAYS_S:
+            p, g = (np.interp(self._t_s - delay_s, t_s, values) for values in (path, shape))
+            costs.append(self._cost(p, g, information))
+        best = int(np.argmin(costs))
+        return DELAYS_S[best], (costs[0] - costs[best]) / max(1.0, 2 * costs[best] / len(self._t_s))
+
+    def _cost(self, path: np.ndarray, shape: np.ndarray, information: np.ndarray) -> float:
+        """Negative logarithm of the posterior at its maximum over c, w, b: iteratively reweighted least squares."""
+        since_s = self._t_s - self._t_s[-1]
+        parts = [self._u.conj() * g * turn for g in (1.0, since_s, shape) for turn in (1.0, 1.0j)]
+        A = np.column_stack([part.real for part in parts]) / self._sigma_m
+        b = (self._along_m - (self._u.conj() * path).real) / self._sigma_m
+        weight, theta, e = np.ones(len(b)), np.zeros(6), b
+        for _ in range(REWEIGHTED):
+            normal = (A.T * weight) @ A + np.diag(information)
+            theta = np.linalg.lstsq(normal, (A.T * weight) @ b, rcond=None)[0]
+            e = np.abs(b - A @ theta)
+            weight = HUBER / np.maximum(e, HUBER)
+        data = np.where(e < HUBER, e**2 / 2, HUBER * e - HUBER**2 / 2).sum()
+        return float(data + (information * theta**2).sum() / 2)
+
+
+def _since(t_s: float, items: tuple) -> tuple:
+    """Those not older."""
+    return items[next((i for i, item in enumerate(items) if item.t_s >= t_s), len(items)) :]

@@ -43,6 +43,7 @@ def at_rest(run):
     ],
     ids=["gate", "gate with a receiver", "scaled", "plain", "slow loop"],
 )
+@pytest.mark.long
 def test_where_all_is_right_nothing_is_told(world):
     run = under_way(**world)
     assert run.state.helm.mode == "auto" and told(run) == []
@@ -82,6 +83,7 @@ def test_overrides_that_are_refused_under_way_stop_the_boat():
     ],
     ids=["safety switch", "an output without function", "another channel's pulses"],
 )
+@pytest.mark.long
 def test_outputs_that_do_not_follow_are_told_with_the_parameter_to_look_at(change, words):
     run = under_way()
     change(run.world.rover)

@@ -47,6 +47,7 @@ def test_a_fix_lost_for_20_s_degrades_then_stops_until_the_operator_starts_again
     assert run.run(driving, 10.0)
 
 
+@pytest.mark.long
 def test_a_frozen_receiver_is_left_out_and_named():
     run = under_way()
     frozen(run)

@@ -39,6 +39,7 @@ def modes(run):
 
 
 @pytest.mark.parametrize("delay_s", [0.6, 1.2])
+@pytest.mark.long
 def test_a_late_link_stops_the_boat_and_it_stays_stopped(tmp_path, delay_s):
     run = played(tmp_path, "down", f"delay {delay_s}", 6.0)
     assert modes(run) == ["idle", "starting", "auto", "safe"] and judge(run) == []
@@ -54,6 +55,7 @@ def test_a_link_that_is_a_little_late_drives_on(tmp_path):
 
 
 @pytest.mark.parametrize("bench", [Mute, FaultBench])
+@pytest.mark.long
 def test_an_autopilot_that_never_answers_is_driven_like_one_that_does(tmp_path, bench):
     run = played(tmp_path, "battery", "13.8", 8.0, bench)
     assert modes(run) == ["idle", "starting", "auto"]

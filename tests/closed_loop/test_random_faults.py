@@ -33,6 +33,7 @@ def test_whatever_happens_neutral_comes_when_it_is_due(told, tmp_path_factory):
     assert judge(FaultBench(tmp_path_factory.mktemp("faults") / "run.mcap", told).play()) == []
 
 
+@pytest.mark.long
 def test_the_boat_of_these_tests_drives_in_every_mode_and_the_real_controller_may_plan(tmp_path):
     for beginning in ("auto", "hold", "manual", "excitation"):
         run = played(tmp_path, beginning, ("battery", "13.8", 1.0, 0.2), receiver=True, real=beginning == "auto")
@@ -42,6 +43,7 @@ def test_the_boat_of_these_tests_drives_in_every_mode_and_the_real_controller_ma
         assert len({outputs for _, outputs, _ in run.heard.esc}) > 3, "its thrusters turned"
 
 
+@pytest.mark.long
 def test_the_same_story_is_the_same_run(tmp_path):
     told = ("auto", ("solver", "late 0.07", 0.3, 1.0), ("down", "corrupt", 0.3, 3.6), ("lag", "0.6", 1.0, 0.0))
     first, again = (
@@ -116,6 +118,7 @@ def a_lease_now_and_then(patch):
         (a_lease_now_and_then, "auto", ("battery", "13.8", 3.0, 0.2), False, "no override for"),
     ],
 )
+@pytest.mark.long
 def test_a_spoilt_boat_is_found_out(monkeypatch, tmp_path, spoil, beginning, fault, receiver, says):
     spoil(monkeypatch)
     assert any(says in found for found in judge(played(tmp_path, beginning, fault, receiver=receiver)))

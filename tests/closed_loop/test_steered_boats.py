@@ -44,6 +44,7 @@ def driven(name: str):
 
 
 @pytest.mark.parametrize("name", BOATS)
+@pytest.mark.long
 def test_it_passes_all_waypoints_on_its_path_by_its_plans(name):
     run = driven(name)
     assert [p.waypoint for p in run.state.passed] == list(range(len(CORNER)))
@@ -70,6 +71,7 @@ def test_at_the_end_the_azimuth_boat_keeps_station():
 
 
 @pytest.mark.parametrize("name", BOATS)
+@pytest.mark.long
 def test_stop_and_silence_are_neutral_for_every_actuator(name):
     run = voyage(5, vessel=name)
     assert run.run(lambda r: driving(r) and r.state.guidance.s_m > 1.0, 40.0)
@@ -158,6 +160,7 @@ def test_by_hand_no_azimuth_thruster_pushes_before_its_servo_points_there():
 
 
 @pytest.mark.parametrize("name", BOATS)
+@pytest.mark.long
 def test_without_plans_the_fallback_keeps_to_the_path(name):
     failing = list[bool]()
 

@@ -122,6 +122,7 @@ def test_the_same_seed_gives_the_same_messages(calm):
     assert [msgspec.json.encode(m) for m in again.messages] == [msgspec.json.encode(m) for m in same]
 
 
+@pytest.mark.long
 def test_a_held_mission_goes_on_where_it_was_left_and_a_second_start_changes_nothing():
     run = voyage(1)
     assert run.run(lambda r: len(r.state.passed) >= 1 and r.state.guidance.phase == "leg", 60.0)

@@ -15,6 +15,8 @@ from sim.world.stepped import SteppedRun
 from sim.world.world import World, WorldSetup
 from tests.support.drive_fixture import CORNER, START, figures, mission_text, nmpc, settled
 
+pytestmark = pytest.mark.long
+
 TURNED_DEG = 30.0
 
 

@@ -31,6 +31,7 @@ def test_a_boat_without_a_fault_is_not_accused():
     assert [text for _, level, text in verdict.alerts if level != "info"] == []
 
 
+@pytest.mark.long
 def test_a_reversed_thruster_is_named_within_seconds_and_the_boat_drives_on():
     verdict = trial(4, "thruster 1 reversed from 25", duration_s=60.0)
     assert not verdict.failed and verdict.mode == "auto" and verdict.high_s < 1.0

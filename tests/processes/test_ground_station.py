@@ -56,6 +56,7 @@ def unpacked(log):
         return b"\n".join([m.data for _, _, m in reader.iter_messages()] + [a.data for a in reader.iter_attachments()])
 
 
+@pytest.mark.long
 def test_a_signed_link_and_a_station_that_takes_the_boat_away(simulator, tmp_path):
     _, udp, tag = simulator
     port = free_port(socket.SOCK_DGRAM)

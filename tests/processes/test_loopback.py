@@ -155,6 +155,7 @@ def test_a_companion_that_is_killed_leaves_a_log_and_neutral_thrusters(loopback,
     assert main(["replay", str(log)]) == 0, "and so does the damaged one"
 
 
+@pytest.mark.long
 def test_a_companion_that_is_asked_to_end_ends_in_neutral_disarmed(loopback):
     """The second companion in the same simulation: the autopilot is still armed from the first."""
     with loopback.companion("asked") as (child, log):

@@ -227,6 +227,7 @@ sys.exit(main())
 """`aritra` on a disk that is full for as long as a file is there."""
 
 
+@pytest.mark.long
 def test_on_a_disk_that_is_full_it_starts_and_records_once_there_is_room(bench):
     full = bench.folder / "full"
     full.touch()

@@ -70,6 +70,7 @@ class Terminal:
         os.close(self._master)
 
 
+@pytest.mark.long
 def test_a_boat_driven_by_hand(tmp_path):
     udp, tcp, tag = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM), tmp_path / "tag"
     command = ["sim", "--udp-to", f"127.0.0.1:{udp}", "--tcp", f"127.0.0.1:{tcp}", "--uwb", str(tag), "--seed", "5"]

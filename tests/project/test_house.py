@@ -60,6 +60,7 @@ def test_no_file_has_more_than_300_lines():
     assert {name: line_count(ROOT / name) for name in relative(long)} == {}
 
 
+@pytest.mark.long
 def test_public_classes_have_names_of_their_own():
     places = public_classes(modules(*PRODUCT))
     assert len(places) > 300
@@ -82,6 +83,7 @@ def test_nobody_imports_the_studies():
     assert relative(p for p in outside if any(f"{name}.".startswith("sim.studies.") for name in imports(p))) == []
 
 
+@pytest.mark.long
 def test_no_test_changes_the_path_of_imports():
     assert {name: path_changes(ROOT / name) for name in relative(modules("tests")) if path_changes(ROOT / name)} == {}
 

@@ -10,6 +10,7 @@ from tests.evidence.house import closed_loop, suite, trees
 from tests.evidence.house.rooms import rooms
 
 
+@pytest.mark.long
 def test_the_same_seed_is_the_same_log_and_another_seed_another(tmp_path):
     once = closed_loop.digests(trees.output(trees.start(trees.ROOT, ["log", "1", "1", "2"], tmp_path)))
     again = closed_loop.digests(trees.output(trees.start(trees.ROOT, ["log", "1", "1", "2"], tmp_path)))

@@ -53,6 +53,17 @@ class Split:
     used: tuple[LogUse, ...]
     rule: str
 
+    def about(self, vessel: VesselFile) -> tuple[tuple[str, str], ...]:
+        """What a report is about, name and value: the boat, the logs, how much of them is fitted and held out."""
+        size = f"{vessel.hull.length_m:g} m, {vessel.inertia.mass_kg:g} kg, {len(vessel.thrusters)} thrusters"
+        logs = ", ".join(f"{use.log.name} ({use.log.run.duration_s:.0f} s)" for use in self.used)
+        fitted, held_out = (
+            sum(high - low for use in self.used for low, high in spans(use))
+            for spans in (lambda use: use.fitted_s, lambda use: use.held_out_s)
+        )
+        shares = f"{fitted:.0f} s fitted, {held_out:.0f} s held out"
+        return ("Boat", f"{vessel.name}: {size}"), ("Logs", logs), ("Of them", shares)
+
 
 def split(
     logs: Sequence[NamedLog], held_out: Sequence[NamedLog], vessel: VesselFile, block_s: float | None = None

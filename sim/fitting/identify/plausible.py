@@ -1,32 +1,76 @@
-"""Whether fitted inertia is that of a boat of the file's mass and length: what no hull can have is said, not believed.
+"""What a hull of the file's mass and length can have: bands for inertia and damping, and the same without dimensions.
 
     0.9 m <= M11 <= 2 m,   0.9 m <= M22 <= 5 m,   0.1 L <= sqrt(M33 / m) <= L
+    X_u, Y_v, N_r:  M / T,  T = (35, 12, 11) sqrt(L / g)                          to a factor of 4 either way
+    X_uu = rho/2 C S,  Y_vv = rho/2 C_D T L,  N_rr = rho/2 C_D T L^4 / 32          to a factor of 5 either way
 
-m: mass of the file, L: length. Added mass in surge is 5 to 20 % of a slender hull's mass, in sway 0.5 to 2 times
-(Fossen 2021, chapter 6); the bounds leave room for hulls that are not slender and masses that were guessed: assumed.
+m: mass of the file, L: length, T: draft, S = 2 T L + m / (rho T) about the wetted area, C = 0.02, C_D = 1 (the same as
+in `companion.core.model.first_vessel`). Added mass in surge is 5 to 20 % of a slender hull's mass, in sway 0.5 to 2
+times (Fossen 2021, chapter 6); the bounds leave room for hulls that are not slender and masses that were guessed. The
+factors are assumed.
+
+SNAME (1950) divides by rho/2, powers of L, and the speed U where a coefficient belongs to a speed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from math import sqrt
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import GRAVITY_M_S2
+from companion.core.model.first_vessel import RHO_KG_M3, SURGE_C, TIME_FROUDE
 from sim.fitting.identify.result import FitResult
 
 SURGE, SWAY = (0.9, 2.0), (0.9, 5.0)
 GYRATION = (0.1, 1.0)
+LINEAR_FACTOR, QUADRATIC_FACTOR = 4.0, 5.0
+U_M_S = 1.0
+"""For derivatives of a model in which they do not depend on speed."""
+Band = tuple[float, float]
+POWERS: Mapping[str, tuple[int, int]] = {
+    "M11_kg": (3, 0), "M22_kg": (3, 0), "M33_kg_m2": (5, 0), "M23_kg_m": (4, 0),
+    "X_u_N_s_m": (2, 1), "Y_v_N_s_m": (2, 1), "N_r_N_m_s": (4, 1), "Y_r_N_s": (3, 1), "N_v_N_s": (3, 1),
+    "X_uu_N_s2_m2": (2, 0), "Y_vv_N_s2_m2": (2, 0), "N_rr_N_m_s2": (5, 0),
+}  # fmt: skip
+"""Powers of L and U by which a parameter is divided."""
+JUDGED = ("M11_kg", "M22_kg", "M33_kg_m2")
+"""Of these a value outside is said beside the verdict; damping follows the water and the hull's form too much."""
+
+
+def bands(vessel: VesselFile) -> dict[str, Band]:
+    """Least and largest value that such a hull may have, by parameter."""
+    m, L, T = vessel.inertia.mass_kg, vessel.hull.length_m, vessel.hull.draft_m
+    inertia: dict[str, Band] = {
+        "M11_kg": (SURGE[0] * m, SURGE[1] * m),
+        "M22_kg": (SWAY[0] * m, SWAY[1] * m),
+        "M33_kg_m2": (m * (GYRATION[0] * L) ** 2, m * (GYRATION[1] * L) ** 2),
+    }
+    times_s = [froude * sqrt(L / GRAVITY_M_S2) for froude in TIME_FROUDE]
+    linear = [sqrt(low * high) / T_s for (low, high), T_s in zip(inertia.values(), times_s, strict=True)]
+    wetted_m2, half_rho = 2 * T * L + m / (RHO_KG_M3 * T), RHO_KG_M3 / 2
+    quadratic = (half_rho * SURGE_C * wetted_m2, half_rho * T * L, half_rho * T * L**4 / 32)
+    names = list(POWERS)
+    return inertia | {
+        name: (-factor * size, -size / factor)
+        for some, sizes, factor in ((names[4:7], linear, LINEAR_FACTOR), (names[9:], quadratic, QUADRATIC_FACTOR))
+        for name, size in zip(some, sizes, strict=True)
+    }
+
+
+def without_dimension(name: str, value: float, vessel: VesselFile) -> float | None:
+    """A parameter in SNAME's prime system; None where it has none."""
+    if name not in POWERS:
+        return None
+    of_length, of_speed = POWERS[name]
+    return value / (RHO_KG_M3 / 2 * vessel.hull.length_m**of_length * U_M_S**of_speed)
 
 
 def implausible(vessel: VesselFile, result: FitResult) -> Iterator[str]:
-    """Sentences on inertias outside their bounds."""
-    m, L = vessel.inertia.mass_kg, vessel.hull.length_m
-    bounds = {
-        "M11_kg": tuple(share * m for share in SURGE),
-        "M22_kg": tuple(share * m for share in SWAY),
-        "M33_kg_m2": tuple(m * (share * L) ** 2 for share in GYRATION),
-    }
-    for name, (low, high) in bounds.items():
-        value = result[name].value
+    """Sentences on inertias outside their bands."""
+    m, L, allowed = vessel.inertia.mass_kg, vessel.hull.length_m, bands(vessel)
+    for name in JUDGED:
+        (low, high), value = allowed[name], result[name].value
         if not low <= value <= high:
             yield (
                 f"{name} = {value:.4g} is not that of a boat of {m:g} kg and {L:g} m ({low:.3g} to {high:.3g}): the "

@@ -16,6 +16,7 @@ import numpy as np
 from companion.logs.runs.run import LogProblem
 from sim.fitting.engine.free_parameters import SURROUNDINGS
 from sim.fitting.engine.parameters import WARP
+from sim.fitting.identify.advice import advice
 from sim.fitting.identify.chosen_fit import ChosenFit
 from sim.fitting.identify.plausible import implausible
 from sim.fitting.identify.refinements import TEXTS
@@ -49,20 +50,6 @@ NUISANCE = (*WARP, *(p.name for _, p in SURROUNDINGS))
 """Parameters that are no property of boat or sensors."""
 DOUBTFUL = ("damaged", "edited", "disagree", "not obeyed", "clock jump")
 """Kinds of log problems that can bias a fit unnoticed."""
-MANOEUVRES = (
-    (("M11_kg", "X_u"), "steps ahead and astern from rest, at three strengths at least, each let run out to rest"),
-    (("M22_kg", "Y_v_", "Y_vv"), "strafes: sideways to either hand at three strengths, each let run out to rest"),
-    (("M33_kg", "N_r_N", "N_rr"), "spins on the spot both ways at three strengths, each let run out to rest"),
-    (("M23_kg", "Y_r_", "N_v_"), "circles and zig-zags at speed, and strafes that end in a turn"),
-    (("gain_",), "pulses of one thruster at a time; and a pull at the bollard for the scale common to all of them"),
-    (("dead_time", "lag_"), "short strong pulses and reversals, with the IMU at its highest rate"),
-    (("uwb_latency",), "fast straight runs to and fro, with positions at 5 Hz or more"),
-    (("tag_",), "spins on the spot, with positions at 5 Hz or more"),
-    (("trim_", "azimuth_"), "weak commands to either side of neutral, of one thruster at a time"),
-    (("N_ur_", "k_kg"), "circles and zig-zags at three speeds, ahead and astern"),
-)
-"""Beginnings of parameter names -> the manoeuvre that carries most information on them."""
-ANYTHING = "slow and fast runs, straight and turning, in which these act most"
 
 
 @dataclass(frozen=True)
@@ -105,7 +92,8 @@ def verdict(
         *_model_doubts(errors, validation),
         *_log_doubts(problems),
     ]
-    return IdentificationVerdict(believe, errors, tuple(lines), tuple(attention), tuple(advice(structured)))
+    next_ones = advice(_undetermined(structured), chosen.vessel)
+    return IdentificationVerdict(believe, errors, tuple(lines), tuple(attention), tuple(next_ones))
 
 
 def judged_horizons(score: Score) -> list[int]:
@@ -123,13 +111,9 @@ def relative_error(score: Score, scores: Sequence[Score]) -> float:
     return float(np.exp(np.mean(np.log(ratios)))) if np.isfinite(ratios).all() else np.inf
 
 
-def advice(structured: FitResult) -> list[tuple[tuple[str, ...], str]]:
-    """Undetermined parameters, by the manoeuvre that carries information on them."""
-    names = [p.name for p in structured.parameters if not p.determined and p.name not in NUISANCE]
-    groups = [(tuple(n for n in names if n.startswith(heads)), text) for heads, text in MANOEUVRES]
-    listed = {n for mine, _ in groups for n in mine}
-    groups.append((tuple(n for n in names if n not in listed), ANYTHING))
-    return [(mine, text) for mine, text in groups if mine]
+def _undetermined(structured: FitResult) -> list[str]:
+    """Names of parameters of boat and sensors that the data leave open."""
+    return [p.name for p in structured.parameters if not p.determined and p.name not in NUISANCE]
 
 
 def common_scale(structured: FitResult) -> OpenDirection | None:
@@ -180,8 +164,7 @@ def _distances(validation: Validation, errors: Mapping[str, float]) -> list[str]
 
 def _open(structured: FitResult) -> list[str]:
     """Sentences on undetermined parameters, and on the common scale of forces and inertias."""
-    boat = [p for p in structured.parameters if p.name not in NUISANCE]
-    left = [p.name for p in boat if not p.determined]
+    boat, left = [p for p in structured.parameters if p.name not in NUISANCE], _undetermined(structured)
     line = f"The data determine {len(boat) - len(left)} of {len(boat)} parameters of boat and sensors"
     lines = [f"{line}; open: {', '.join(left)}." if left else f"{line}."]
     if (scale := common_scale(structured)) is not None and scale.share_of_prior > 0.9:

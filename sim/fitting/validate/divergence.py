@@ -10,6 +10,7 @@ import numpy as np
 from sim.fitting.engine.smoothing import RATE_HZ
 from sim.fitting.validate.protocol import Simulator
 from sim.fitting.validate.scores import SpeedBox, errors, simulated
+from sim.fitting.validate.table import ScoreTable
 from sim.fitting.validate.windows import HeldOutWindows
 
 
@@ -50,14 +51,13 @@ def divergence_study(models: Sequence[Simulator], windows: HeldOutWindows, box: 
     return [departure(model.name, simulated(model, windows), windows, box) for model in models]
 
 
-def divergence_table(departures: Sequence[Departure], horizons_s: Sequence[int] = (1, 5, 10, 20, 30, 60)) -> str:
-    """Markdown table by horizon: median distance from the true position, and share of runs diverged by then."""
-    head = "| model | " + " | ".join(f"{h} s" for h in horizons_s) + " |"
-    lines = [head, "|---" * (len(horizons_s) + 1) + "|"]
+def divergence_table(departures: Sequence[Departure], horizons_s: Sequence[int] = (1, 5, 10, 20, 30, 60)) -> ScoreTable:
+    """By horizon: median distance from the true position, and share of runs diverged by then."""
+    rows = []
     for d in departures:
         cells = [
             f"{d.position_m[h - 1, 1]:.2f} m, {100 * d.diverged[h - 1]:.0f} %" if h <= len(d.t_s) else "-"
             for h in horizons_s
         ]
-        lines.append(f"| {d.name} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        rows.append((d.name, *cells))
+    return ScoreTable(("model", *(f"{h} s" for h in horizons_s)), tuple(rows))

@@ -7,13 +7,16 @@ import io
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.model.thrusters import forces_from_pwm
 from companion.logs.runs.run import Run
 from sim.fitting.engine.smoothing import RATE_HZ, Smoothed
 from sim.fitting.taylor.pipeline import PaperMotion
 from sim.fitting.validate.divergence import Departure
-from sim.fitting.validate.protocol import CHANNELS, UNITS
+from sim.fitting.validate.protocol import CHANNELS, STEP_S, UNITS
 from sim.fitting.validate.study import BASELINE_NAMES, Validation
 
 INK = "#222222"
@@ -62,14 +65,17 @@ def training_log(run: Run, paper: PaperMotion | None, smoothed: Smoothed, second
     return figure
 
 
-def comparison(validation: Validation, window: int) -> Figure:
-    """Figures 7 to 10: measured against simulated track, surge, sway, yaw rate in one window."""
-    figure = Figure(figsize=(11, 6.0), layout="constrained")
-    spec = figure.add_gridspec(3, 2, width_ratios=(1, 1.3))
+def comparison(validation: Validation, window: int, vessel: VesselFile) -> Figure:
+    """Figures 7 to 10: measured against simulated track, surge, sway, yaw rate in one window.
+
+    Below them what was commanded, and the steady forces that it makes by the maps of `vessel`.
+    """
+    figure = Figure(figsize=(11, 8.6), layout="constrained")
+    spec = figure.add_gridspec(5, 2, width_ratios=(1, 1.3))
     truth = validation.windows.truth[window]
     t = np.arange(len(truth)) / RATE_HZ
-    plan = figure.add_subplot(spec[:, 0])
-    speeds = [figure.add_subplot(spec[i, 1]) for i in range(3)]
+    plan = figure.add_subplot(spec[:4, 0])
+    *speeds, pulses, forces = (figure.add_subplot(spec[i, 1]) for i in range(5))
     low, high = np.nanmin(truth, axis=0), np.nanmax(truth, axis=0)
     plan.plot(truth[:, 1], truth[:, 0], color=INK, lw=2.2, label="measured")
     plan.plot(truth[0, 1], truth[0, 0], "o", color=INK, ms=5)
@@ -91,8 +97,31 @@ def comparison(validation: Validation, window: int) -> Figure:
     plan.set(xlim=(middle[1] - half, middle[1] + half), ylim=(middle[0] - half, middle[0] + half), aspect="equal")
     plan.set(xlabel="east [m]", ylabel="north [m]", title="Track from the dot on (as Figure 7)")
     plan.legend(fontsize=8)
-    speeds[-1].set_xlabel("t since the start of the window [s]")
+    end_s = float(t[np.isfinite(truth[:, 0])][-1])
+    _commands(pulses, forces, validation, window, vessel, end_s)
+    for ax in (*speeds, pulses):
+        ax.set_xlim(0, end_s)
+        ax.tick_params(labelbottom=False)
+    forces.set(xlim=(0, end_s), xlabel="t since the start of the window [s]")
     return figure
+
+
+def _commands(
+    pulses: Axes, forces: Axes, validation: Validation, window: int, vessel: VesselFile, end_s: float
+) -> None:
+    """Pulse widths of a window, and the steady forces that they make, a line for each thruster."""
+    commands, steps = validation.windows.commands, round(end_s / STEP_S)
+    t, volts = np.arange(steps) * STEP_S, commands.battery_v[window, :steps]
+    for i, thruster in enumerate(vessel.thrusters):
+        pwm, colour = commands.pwm_us[window, :steps, i], COLOURS[i % len(COLOURS)]
+        pulses.step(t, pwm, where="post", lw=1.0, color=colour, label=thruster.name)
+        f = forces_from_pwm(thruster, vessel.force_maps[thruster.force_map], pwm, volts)
+        forces.step(t, f, where="post", lw=1.0, color=colour)
+    pulses.set_ylabel("pulse [us]", fontsize=8)
+    forces.set_ylabel("force [N]", fontsize=8)
+    pulses.legend(
+        fontsize=7, ncols=len(vessel.thrusters), loc="lower center", bbox_to_anchor=(0.5, 0.98), frameon=False
+    )
 
 
 def error_growth(validation: Validation) -> Figure:

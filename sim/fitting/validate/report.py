@@ -1,31 +1,27 @@
-"""Self-contained HTML pages: sentences, tables, pictures. No scripts, no links, pictures inside."""
+"""Self-contained HTML pages: header, contents, sentences, tables, pictures. No scripts, no links to elsewhere."""
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from companion.core.configuration.vessel_file import VesselFile
 from sim.fitting.validate.figures import comparison, error_growth, png_base64
 from sim.fitting.validate.protocol import STEP_S
 from sim.fitting.validate.scores import SPREAD, errors
 from sim.fitting.validate.study import Validation
 from sim.fitting.validate.table import ScoreTable, sentences, table
 
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; color: #222; }
-h2 { margin-top: 2em; border-bottom: 2px solid #ddd; } .wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 13px; } td, th { padding: 2px 10px; border-bottom: 1px solid #ddd; }
-td { text-align: right; } td:first-child, th:first-child { text-align: left; } th { text-align: right; }
-.text td, .text th { text-align: left; vertical-align: top; } thead th { position: sticky; top: 0; background: #fff; }
-.look { background: #fff3cd; border-left: 4px solid #d55e00; padding: 0.2em 1em 0.2em 2em; }
-figure { margin: 1em 0; } img { max-width: 100%; } figcaption { color: #555; font-size: 13px; }
-pre { font-size: 12px; overflow-x: auto; }
-@media print { body { max-width: none; } figure, tr { break-inside: avoid; } }
-"""
+PAGES = Environment(
+    loader=FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, undefined=StrictUndefined
+)
+PAGES.filters["png"] = png_base64
 
 
 @dataclass(frozen=True)
@@ -45,20 +41,23 @@ class Section:
     look: bool = False
 
 
-def report(validation: Validation, *, title: str, before: Sequence[Section] = (), after: Sequence[Section] = ()) -> str:
+def report(
+    validation: Validation,
+    vessel: VesselFile,
+    *,
+    title: str,
+    before: Sequence[Section] = (),
+    after: Sequence[Section] = (),
+) -> str:
     """Page of a validation alone: summary, sections `before` (fit, choices), scores, pictures, sections `after`."""
     summary = Section("What the held-out data says", tuple(sentences(validation)))
-    return page(title, [summary, *before, every_figure(validation), pictures(validation), *after])
+    return page(title, [summary, *before, every_figure(validation), pictures(validation, vessel), *after])
 
 
-def page(title: str, sections: Sequence[Section]) -> str:
-    """The page as HTML text."""
-    name = html.escape(title)
-    body = "".join(_section(s) for s in sections)
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{name}</title>'
-        f"<style>{STYLE}</style></head><body><h1>{name}</h1>{body}</body></html>\n"
-    )
+def page(title: str, sections: Sequence[Section], about: Sequence[tuple[str, str]] = ()) -> str:
+    """The page as HTML text: a header with what it is `about` (name, value), contents, sections."""
+    by = ("Written by", f"aritra {version('aritra')}")
+    return PAGES.get_template("report.html.j2").render(title=title, sections=sections, about=(*about, by))
 
 
 def every_figure(validation: Validation) -> Section:
@@ -66,8 +65,11 @@ def every_figure(validation: Validation) -> Section:
     return Section("Every figure", tables=(table(validation),), note=NOTES)
 
 
-def pictures(validation: Validation, model: int = 0) -> Section:
-    """Section: measured against simulated motion in a window typical of model number `model`; growth of errors."""
+def pictures(validation: Validation, vessel: VesselFile, model: int = 0) -> Section:
+    """Section: measured against simulated motion in a window typical of model number `model`; growth of errors.
+
+    `vessel`: by whose force maps commands are shown as forces.
+    """
     window, name = typical_window(validation, model), validation.scores[model].name
     start_s = validation.windows.start_s[window]
     return Section(
@@ -75,8 +77,9 @@ def pictures(validation: Validation, model: int = 0) -> Section:
         (f"The window whose error under {name} is the median, from t = {start_s:.0f} s on.",),
         figures=(
             (
-                comparison(validation, window),
-                "Same commands, open loop; axes follow the measured run (Figures 7 to 10).",
+                comparison(validation, window, vessel),
+                "Same commands, open loop; axes follow the measured run (Figures 7 to 10). Below: the pulses, and the "
+                "steady forces that they make by the thrusters' maps.",
             ),
             (
                 error_growth(validation),
@@ -93,27 +96,6 @@ def typical_window(validation: Validation, model: int = 0) -> int:
     full = np.flatnonzero(lasts == lasts.max())
     worst = np.nan_to_num(errors(validation.states[model], validation.windows.truth)[full, :, 0]).max(axis=1)
     return int(full[worst.argsort()[len(full) // 2]])
-
-
-def _section(section: Section) -> str:
-    """HTML of one section."""
-    parts = [f"<h2>{html.escape(section.title)}</h2>"]
-    if section.sentences:
-        items = "".join(f"<li>{html.escape(s)}</li>" for s in section.sentences)
-        parts.append(f'<ul class="look">{items}</ul>' if section.look else f"<ul>{items}</ul>")
-    kind = "wide text" if section.text else "wide"
-    parts += [f'<div class="{kind}">{one.html()}</div>' for one in section.tables]
-    if section.note:
-        parts.append(f"<p>{html.escape(section.note)}</p>")
-    if section.preformatted:
-        parts.append(f"<pre>{html.escape(section.preformatted)}</pre>")
-    for figure, caption in section.figures:
-        text = html.escape(caption)
-        parts.append(
-            f'<figure><img alt="{text}" src="data:image/png;base64,{png_base64(figure)}">'
-            f"<figcaption>{text}</figcaption></figure>"
-        )
-    return "".join(parts)
 
 
 NOTES = (

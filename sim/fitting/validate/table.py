@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,18 +31,6 @@ class ScoreTable:
             for row in (self.head, *self.rows)
         ]
         return "\n".join([lines[0], "|" + "|".join("-" * (w + 2) for w in widths) + "|", *lines[1:]])
-
-    def html(self) -> str:
-        """As an HTML table; **bold** cells become strong."""
-        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in self.head)
-        body = "".join("<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
-        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def _cell(text: str) -> str:
-    if text.startswith("**"):
-        return f"<strong>{html.escape(text.strip('*'))}</strong>"
-    return html.escape(text)
 
 
 def table(validation: Validation) -> ScoreTable:

@@ -159,6 +159,7 @@ def test_settings_pass_once_disarmed(tmp_path):
     play(tmp_path, True, tale)
 
 
+@pytest.mark.long
 def test_a_station_that_goes_and_comes_back_changes_nothing_for_the_boat(tmp_path):
     async def tale(bench, station):
         await station.far.close()

@@ -109,6 +109,7 @@ def test_an_order_without_an_autopilot_expires(command, cleared, path):
     assert bench.scene(story) is None
 
 
+@pytest.mark.long
 def test_without_the_interlock_an_order_expires_too(path):
     bench = Bench(path)
 

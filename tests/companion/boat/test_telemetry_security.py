@@ -84,6 +84,7 @@ def command(console):
     return [bytes(r.ok.payload) for r in replies if r.ok]
 
 
+@pytest.mark.long
 def test_each_may_do_what_the_router_file_says(pki):
     port = free_port()
     with (
@@ -123,6 +124,7 @@ def test_only_the_boat_speaks_under_its_name(pki):
         assert set(texts(witness)) == {"aritra"}
 
 
+@pytest.mark.long
 def test_without_a_certificate_of_ours_nobody_comes_in(pki, tmp_path):
     port = free_port()
     subprocess.run([ZENOH / "make-certificates", tmp_path, "127.0.0.1", "anna"], check=True, capture_output=True)

@@ -28,6 +28,7 @@ def library(tmp_path):
     return path
 
 
+@pytest.mark.long
 def test_from_the_design_of_a_plan_to_the_log_and_what_comes_next(tmp_path, library, capsys):
     plan, out = tmp_path / "plan.toml", tmp_path / "flight"
     argv = ["excite", "design", "--minutes", "0.6", "--library", str(library), "--out", str(plan)]

@@ -122,12 +122,15 @@ def test_the_taylor_file_loads_and_is_the_papers(done):
 class _Page(HTMLParser):
     def __init__(self) -> None:
         super().__init__()
-        self.open, self.heads, self.sources = [], [], []
+        self.open, self.heads, self._sources = [], [], []
 
     def handle_starttag(self, tag, attrs):
         if tag not in ("meta", "img"):
             self.open.append(tag)
-        self.sources += [v for k, v in attrs if k in ("src", "href")]
+        self._sources += [(tag, v) for k, v in attrs if k in ("src", "href")]
+
+    def sources(self, tag):
+        return [source for name, source in self._sources if name == tag]
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
@@ -142,7 +145,10 @@ def test_the_report_stands_alone_with_the_verdict_first(done):
     page = _Page()
     page.feed(text)
     assert not page.open, "every tag is closed"
-    assert all(source.startswith("data:image/png;base64,") for source in page.sources) and len(page.sources) == 5
+    pictures, links = (page.sources(tag) for tag in ("img", "a"))
+    assert all(source.startswith("data:image/png;base64,") for source in pictures) and len(pictures) == 5
+    assert links == [f"#s{i + 1}" for i in range(len(page.heads))]
+    assert f"{done.log.name} (" in text and 'name="viewport"' in text
     assert not re.search(r"https?://|<script|<link|@import|url\(", text)
     heads = page.heads
     assert heads[0] == "What to believe"

@@ -68,6 +68,7 @@ def test_an_empty_log_has_facts_but_no_picture(tmp_path, capsys):
     assert "nothing to plot" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_plot_writes_the_picture_beside_the_log(drive_log, capsys):
     path = drive_log(5.0)
     assert run("plot", path) == log.OK

@@ -28,6 +28,7 @@ def diagnosed(log, out, *more, vessel=FILE):
     return code, msgspec.json.decode((out / "findings.json").read_bytes(), type=Findings)
 
 
+@pytest.mark.long
 def test_a_diagnosis_goes_on_with_the_swap_put_right(log, tmp_path, capsys):
     code, found = diagnosed(log, tmp_path / "out")
     assert code == 0 and found.verdict == "named" and [c.name for c in found.causes] == [NAME]

@@ -54,6 +54,7 @@ def indices(folder, data):
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @example("bit", 2726, False)  # a chunk that says to hold ten more
 @given(st.sampled_from([kind for kind in KINDS if kind != "cut out"]), st.integers(0, 1 << 30), st.booleans())
+@pytest.mark.long
 def test_one_damage_costs_what_it_touches(sound_file, tmp_path, kind, seed, indexed):
     """Without an index, too: the first chunk is spared then, as only it says what the channels are."""
     sound = sound_file.read_bytes()

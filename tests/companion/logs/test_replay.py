@@ -101,6 +101,7 @@ def test_a_changed_input_shows_at_its_own_step(logged, kind, field, value, numbe
 @pytest.mark.parametrize(
     ("kind", "number"), [(m.OverrideLease, 90), (m.StateEstimate, 40), (m.Innovation, 200), (m.SolveRequest, 5)]
 )
+@pytest.mark.long
 def test_a_changed_missing_or_added_output_is_found(logged, kind, number):
     place = [i for i, x in enumerate(logged) if isinstance(x, kind)][number]
     step = marks(logged[:place])
@@ -124,6 +125,7 @@ def test_alerts_of_the_shell_are_no_difference(logged):
     assert replay(pilot(), altered).difference is None
 
 
+@pytest.mark.long
 def test_a_log_that_breaks_off_is_repeated_as_far_as_it_goes(logged):
     for end in (len(logged) // 2, len(logged) // 2 + 1, len(logged) - 7):
         assert replay(pilot(), logged[:end]).difference is None

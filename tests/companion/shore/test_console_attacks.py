@@ -49,6 +49,7 @@ def test_a_stop_reaches_both_programs_of_a_name_and_a_start_neither():
     asyncio.run(play())
 
 
+@pytest.mark.long
 def test_after_a_second_program_came_and_went_stop_and_start_still_go_to_the_first():
     """It was refused as `wrong_run` for good."""
 
@@ -106,6 +107,7 @@ def test_stop_all_goes_to_each_at_once_whoever_of_them_is_dead():
     asyncio.run(play())
 
 
+@pytest.mark.long
 def test_half_sent_requests_end_and_a_stop_goes_through_meanwhile():
     """A thousand of them used up the console's sockets: there was no limit, and no time-out."""
 

@@ -55,6 +55,7 @@ def whole(heard):
     return bool(heard) and set(heard) >= set(map(float, range(int(max(heard)))))
 
 
+@pytest.mark.long
 def test_whenever_it_is_opened_history_is_whole():
     """A live sample often comes before the kept ones: it must not make them out of date."""
     port = free_port()
@@ -67,6 +68,7 @@ def test_whenever_it_is_opened_history_is_whole():
                     wait_for(lambda h=heard: whole(h), 5.0, lambda h=heard: sorted(h)[:5])
 
 
+@pytest.mark.long
 def test_a_boat_that_comes_later_is_heard_with_what_it_kept():
     port = free_port()
     with telemetry(port, rate_Hz=20.0) as (boat, told), running(boat):
@@ -77,6 +79,7 @@ def test_a_boat_that_comes_later_is_heard_with_what_it_kept():
 
 
 @pytest.mark.parametrize(("which", "hears"), [({"boat": "b", "topic": "state"}, True), ({"boat": "c"}, False)])
+@pytest.mark.long
 def test_one_boat_or_topic_alone(which, hears):
     port = free_port()
     with router(port), telemetry(port, rate_Hz=20.0) as (boat, told):
@@ -86,6 +89,7 @@ def test_one_boat_or_topic_alone(which, hears):
             assert bool(heard) == hears
 
 
+@pytest.mark.long
 def test_the_console_hears_through_a_router():
     """It is a client then: a peer would be connected and hear nothing."""
     port = free_port()

@@ -72,6 +72,7 @@ def test_of_all_types_those_of_the_lists_pass(name):
 
 
 @pytest.mark.parametrize("kind", ["command_long", "command_int"])
+@pytest.mark.long
 def test_of_all_65536_commands_those_of_the_lists_pass(kind):
     passed = {False: set(), True: set()}
     for disarmed, found in passed.items():

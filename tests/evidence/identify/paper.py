@@ -107,7 +107,11 @@ def paper_pipeline(full: bool) -> Iterator[Line]:
     count = 100
     taylor = {"Taylor (paper)": fit.C, "Taylor (smoother)": better.C}
     found, box = _departures(taylor, identified, count)
-    print("Median distance from the true place, share of runs that diverged:\n" + divergence_table(found) + "\n")
+    print(
+        "Median distance from the true place, share of runs that diverged:\n"
+        + divergence_table(found).markdown()
+        + "\n"
+    )
     for d in found:
         gone = round(d.diverged[-1] * d.runs)
         where = f"{d.position_m[9, 1]:.2f} m after 10 s, {d.position_m[29, 1]:.2f} m after 30 s"
@@ -140,8 +144,8 @@ def _pictures(
     )
     pictures: dict[str, Figure] = {
         "figures_5_6": training_log(train, paper_motion(train, noise), smooth(train, noise)),
-        "figures_7_to_10_a": comparison(study, 0),
-        "figures_7_to_10_b": comparison(study, len(study.windows.start_s) // 2),
+        "figures_7_to_10_a": comparison(study, 0, structured),
+        "figures_7_to_10_b": comparison(study, len(study.windows.start_s) // 2, structured),
         "divergence": divergence(found),
     }
     OUT.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,7 @@ SITE = ROOT / "deploy/sites/basin.toml"
 SAID = "document.querySelector('#fence-says').innerText.includes('{}')"
 
 
+@pytest.mark.long
 def test_a_fence_is_drawn_checked_and_saved(console, zenoh_port, browser, tmp_path):
     boat = TapedBoat(zenoh_port, "one")
     try:

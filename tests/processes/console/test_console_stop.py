@@ -90,6 +90,7 @@ def test_stop_is_in_reach_on_a_phone_that_lies_on_its_side(tmp_path, zenoh_port,
         page.context.close()
 
 
+@pytest.mark.long
 def test_stop_says_that_it_has_no_key_before_it_is_needed(tmp_path, zenoh_port, browser):
     with console(tmp_path, zenoh_port, "one") as address, boats(zenoh_port, "one", "two") as (one, two):
         page = Page(browser, address)

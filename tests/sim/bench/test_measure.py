@@ -55,6 +55,7 @@ def test_every_solver_that_runs_here_solves_the_same_problem(problem, near):
         assert t.off(timed[compare.IPOPT], 100) < within, name
 
 
+@pytest.mark.long
 def test_a_solver_that_is_not_there_is_told_and_the_others_run(monkeypatch):
     def absent(*_args, **_options):
         raise RuntimeError("first line\nPlugin 'fatrop' is not found.")

@@ -54,6 +54,7 @@ def test_a_diagnosis_of_a_simulated_drive_names_the_weak_thruster(tmp_path):
     assert f["thruster_gain:rear_port.gain"] == pytest.approx(0.6, abs=0.05) and f["gain_position"] > 0.3
 
 
+@pytest.mark.long
 def test_a_log_is_read_where_the_work_is_done_and_must_be_the_one_that_was_meant(tmp_path):
     run = teleop_run(boat("aritra"), 3, 60.0)
     write_run(run, tmp_path / "a.parquet")

@@ -81,6 +81,7 @@ def commission_of(first: VesselFile) -> CommissionTask:
     )
 
 
+@pytest.mark.long
 def test_after_a_stop_no_flight_begins_by_itself(tmp_path):
     settings = SETUP.pilot
     task = commission_of(settings.vessel)

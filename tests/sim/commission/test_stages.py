@@ -96,6 +96,7 @@ def test_levels_grow_with_what_is_known():
     assert sure == surge
 
 
+@pytest.mark.long
 def test_a_stage_ends_where_a_minute_tells_too_little_and_says_how_little():
     few = replace(LIBRARY, segments=tuple(s for s in LIBRARY.segments if s.name in ("pulses", "surge steps")))
     first = propose(HULL, FIRST, few, SETUP.site, 600.0, 0)

@@ -76,6 +76,7 @@ def test_positions_are_metres_from_the_first_fix_and_the_antennas_place_is_the_f
     assert read_run(path, ReadOptions(vessel=UWB)).meta.latency_s is None  # its UWB says nothing of GPS
 
 
+@pytest.mark.long
 def test_the_log_alone_is_identified(log, tmp_path, monkeypatch):
     monkeypatch.setattr(study, "stability", partial(study.stability, runs=5))
     (tmp_path / "gnss.toml").write_text(vessel_toml(BOAT))

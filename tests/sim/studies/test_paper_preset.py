@@ -10,6 +10,8 @@ from sim.fitting.taylor.abkowitz import AbkowitzModel
 from sim.studies.paper.closed_loop import metrics, next_leg, run, variants
 from tests.support.vessel_fixtures import boat
 
+pytestmark = pytest.mark.long
+
 COURSE = ((4.0, 4.0), (4.0, 7.5), (7.5, 7.5))
 MODEL = AbkowitzModel(configuration_matrix(boat("aritra")), 0.1)
 

@@ -11,6 +11,8 @@ from companion.core.estimation.ranging.multilateration import multilaterate
 from sim.studies.ranging.range_filter import RangeFilterTuning
 from sim.studies.ranging.range_runs import TAG_DOWN_M, filtered, load_run, range_filter_scores, score
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def scores(shared_data: Path) -> dict:

@@ -34,6 +34,7 @@ def by_plant(vessel, pwm, moments, voltage_v=15.6):
 
 @pytest.mark.parametrize("name", ["aritra", "twin", "cse1", "extended", "rudder", "azimuth"])
 @pytest.mark.parametrize("rough", [False, True])
+@pytest.mark.long
 def test_it_is_the_plant_all_steps_at_once(name, rough):
     """20 s, seeds 1 and 3: dead time, dead band, battery sag, lag, slew, terms; current, gusts and waves."""
     vessel = extended() if name == "extended" else boat(name)

@@ -45,6 +45,7 @@ def test_without_thrust_in_still_water_energy_only_falls(name, nu):
 
 @pytest.mark.parametrize("name", ["aritra", "twin"])
 @pytest.mark.parametrize(("speed", "towards_deg"), [(0.1, 0.0), (0.3, 130.0), (0.5, -90.0)])
+@pytest.mark.long
 def test_a_free_boat_drifts_with_the_current(name, speed, towards_deg):
     p = plant((0, 0, 1.0, 0, 0, 0), name)
     for _ in range(12_000):

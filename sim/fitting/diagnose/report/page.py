@@ -51,7 +51,7 @@ def report(diagnosis: Diagnosis) -> str:
         _noise(diagnosis),
         _logs(diagnosis),
     ]
-    return page(f"Diagnosis of {diagnosis.base.name}", sections)
+    return page(f"Diagnosis of {diagnosis.base.name}", sections, diagnosis.split.about(diagnosis.base))
 
 
 def residual_forces_before_and_after(diagnosis: Diagnosis) -> tuple[ResidualForces, ResidualForces]:

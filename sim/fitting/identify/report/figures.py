@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from companion.core.configuration.vessel_file import VesselFile
 from sim.fitting.engine.parameters import file_values
+from sim.fitting.identify.plausible import bands
 from sim.fitting.identify.result import FitResult
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.validate.figures import COLOURS, INK
@@ -36,9 +37,20 @@ def parameters(result: FitResult, base: VesselFile, settings: FitSettings) -> Fi
     ax.set_yticks(at, [p.name for p, _ in shown], fontsize=8)
     ax.set(xlabel="identified value over the base file's, 95 % interval", xscale="log", ylim=(-0.7, len(shown) - 0.3))
     low, high = ax.get_xlim()
+    allowed = bands(base)
+    boxes = [
+        (y, *sorted(end / b for end in allowed[p.name]))
+        for y, (p, b) in zip(at, shown, strict=True)
+        if p.name in allowed
+    ]
+    if boxes:
+        y, least, most = np.array(boxes).T
+        ax.barh(y, most - least, left=least, height=0.8, color="#e4e4e4", zorder=0, label="such a hull")
+    low, high = min(low, 0.4), max(high, 2.5)
+    ax.set_xlim(low, high)
     ticks = [t for t in (FINE if high < 4 * low else COARSE) if low <= t <= high]
     ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
     ax.minorticks_off()
     ax.grid(axis="x", alpha=0.3)
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8)
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8)
     return figure

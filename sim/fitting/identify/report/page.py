@@ -42,7 +42,7 @@ def identify_report(identification: Identification) -> str:
         *_trials(identification),
         *_taylor(identification),
         _held_out(identification),
-        pictures(identification.validation, _structured(identification)),
+        pictures(identification.validation, identification.identified, _structured(identification)),
         _departures(identification),
         _fitted(identification),
         _whiteness(identification),
@@ -56,7 +56,8 @@ def identify_report(identification: Identification) -> str:
         _choices(identification),
         every_figure(identification.validation),
     ]
-    return page(f"Identification of {identification.base.name}", sections)
+    about = identification.split.about(identification.base)
+    return page(f"Identification of {identification.base.name}", sections, about)
 
 
 def _structured(identification: Identification) -> int:
@@ -78,11 +79,14 @@ def _parameters(identification: Identification) -> Section:
         tables=(parameter_table(identification.structured, identification.model, identification.chosen.settings),),
         note="Prior sigma left: 100 % says that the data told nothing, 0 % that the prior did not matter. Mass and I_z "
         "cannot be told from added mass by motion: M11, M22, M33 are what counts. warp_*: how range biases and "
-        "surveying bend the positions; current_*, wind_*: of the day. Neither is in the vessel file.",
+        "surveying bend the positions; current_*, wind_*: of the day. Neither is in the vessel file. Such a hull has: "
+        "roughly, by mass, length and draft of the file (bold: outside). Without "
+        "dimension: over rho/2 and powers of the length, and of U = 1 m/s (SNAME 1950).",
         figures=(
             (
                 parameters(identification.structured, identification.model, identification.chosen.settings),
-                "Identified over believed; couplings, which may change sign, stand in the table only.",
+                "Identified over believed; grey: what such a hull has, roughly. Couplings, which may change sign, are "
+                "in the table only.",
             ),
         ),
     )
@@ -139,7 +143,7 @@ def _held_out(identification: Identification) -> Section:
 def _departures(identification: Identification) -> Section:
     return Section(
         "How runs depart and diverge",
-        preformatted=divergence_table(identification.departures),
+        tables=(divergence_table(identification.departures),),
         figures=(
             (divergence(identification.departures), "Left: share of runs that have diverged. Right: median distance."),
         ),

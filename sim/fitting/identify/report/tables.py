@@ -12,6 +12,7 @@ from companion.logs.runs.splits import Interval
 from sim.fitting.engine.parameters import file_values
 from sim.fitting.identify.choices import choices
 from sim.fitting.identify.job import Identification, Taylor
+from sim.fitting.identify.plausible import bands, without_dimension
 from sim.fitting.identify.result import UNDETERMINED, FitResult
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.verdict import NAMES, judged_horizons
@@ -23,10 +24,16 @@ from sim.fitting.validate.table import ScoreTable, error_rows, stability_rows, w
 
 
 def parameter_table(result: FitResult, model: VesselFile, settings: FitSettings) -> ScoreTable:
-    """Value, interval, what the file believed, how much of that belief is left. `settings`: those of the fit."""
+    """Value, interval, what the file believed, what such a hull can have, how much of the belief is left.
+
+    `settings`: those of the fit.
+    """
+    allowed = bands(model)
     before = file_values(model, settings.surroundings, settings.imu_place)
     rows = []
     for p, believed in zip(result.parameters, before, strict=True):
+        band, prime = allowed.get(p.name), without_dimension(p.name, p.value, model)
+        outside = band is not None and not band[0] <= p.value <= band[1]
         share = f"{100 * min(p.share_of_prior, 1.0):.0f} %"
         rows.append(
             (
@@ -35,11 +42,23 @@ def parameter_table(result: FitResult, model: VesselFile, settings: FitSettings)
                 f"{_digits(p.ci95[0])} to {_digits(p.ci95[1])}",
                 p.unit,
                 _digits(believed),
+                ("**{}**" if outside else "{}").format(f"{band[0]:.2g} to {band[1]:.2g}") if band else "",
+                "" if prime is None else _digits(prime),
                 share,
                 "yes" if p.determined else "**no**",
             )
         )
-    head = ("parameter", "value", "95 % interval", "unit", "first guess", "prior sigma left", "determined")
+    head = (
+        "parameter",
+        "value",
+        "95 % interval",
+        "unit",
+        "first guess",
+        "such a hull has",
+        "without dimension",
+        "prior sigma left",
+        "determined",
+    )
     return ScoreTable(head, tuple(rows))
 
 

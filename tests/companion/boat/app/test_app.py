@@ -49,6 +49,7 @@ def test_a_run_from_start_to_stop(path):
     assert sum(len(raw.data) for raw in log.raw("mavlink") if raw.direction == "tx") > 1000
 
 
+@pytest.mark.long
 def test_a_lost_autopilot_stops_the_boat_and_it_goes_on_when_told(path):
     bench = Bench(path)
 

@@ -59,6 +59,7 @@ def test_an_exception_in_the_core_ends_in_neutral_and_is_raised(path):
 
 
 @pytest.mark.parametrize(("fault", "driving"), IN_THE_SHELL)
+@pytest.mark.long
 def test_a_bug_anywhere_in_the_shell_ends_in_neutral_too(path, fault, driving, monkeypatch):
     bench = Bench(path)
 

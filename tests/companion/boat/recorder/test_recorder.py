@@ -71,6 +71,7 @@ while True:
 
 @pytest.mark.alone
 @pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.long
 def test_sigkill_loses_at_most_one_second(tmp_path, seed):
     path = tmp_path / "killed.mcap"
     with subprocess.Popen(python("-c", CHILD, path), stdout=subprocess.PIPE) as child:

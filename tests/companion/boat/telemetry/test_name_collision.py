@@ -45,6 +45,7 @@ def test_rubbish_is_nobody(data):
     assert len(at.told) == 1
 
 
+@pytest.mark.long
 def test_a_boat_that_is_a_client_of_a_router_hears_it_itself():
     port, at = free_port(), Namesakes()
     with ExitStack() as held:

@@ -59,6 +59,7 @@ def alert(text):
     return Alert(t_ns=time.monotonic_ns(), level="info", text=text)
 
 
+@pytest.mark.long
 def test_without_a_router_the_boat_is_told_once_and_waits_for_nothing():
     with telemetry(free_port(), rate_Hz=20.0) as (boat, told):
         spent = []
@@ -83,6 +84,7 @@ def test_a_thread_that_cannot_keep_up_costs_messages_not_memory():
     boat.close()
 
 
+@pytest.mark.long
 def test_a_late_joiner_gets_history_last_values_and_the_checks():
     port = free_port()
     with router(port), telemetry(port, rate_Hz=20.0, history_s=1.0) as (boat, told):
@@ -116,6 +118,7 @@ def test_a_router_that_comes_late_has_the_boat_within_two_seconds():
             wait_for(lambda: any("is connected" in a.text for a in told), 2.0)
 
 
+@pytest.mark.long
 def test_what_happened_during_an_outage_is_told_afterwards():
     port = free_port()
     with telemetry(port, rate_Hz=20.0) as (boat, told):

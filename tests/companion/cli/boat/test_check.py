@@ -79,6 +79,7 @@ def check(url, capsys, tmp_path, *options):
 
 
 @pytest.mark.parametrize("firmware", ["4.6", "4.7"])
+@pytest.mark.long
 def test_the_recommended_wiring_is_refused_for_its_silent_tag_only(firmware, capsys, tmp_path):
     with sailing(boat("gate", firmware=firmware)) as url:
         code, rows = check(url, capsys, tmp_path)
@@ -90,6 +91,7 @@ def test_the_recommended_wiring_is_refused_for_its_silent_tag_only(firmware, cap
     assert "cannot open" in rows["tag"]["found"]
 
 
+@pytest.mark.long
 def test_a_tag_at_half_its_rate_is_seen_though_it_tells_ranges_and_position(capsys, tmp_path):
     shutil.copytree(EXAMPLES, tmp_path / "deploy")
     vessel = tmp_path / "deploy/boats/aritra.toml"
@@ -120,12 +122,14 @@ def test_what_is_wrong_is_named_and_nothing_is_moved(capsys, tmp_path):
     assert rover.vehicle.modes.armed and rover.vehicle.rc.last_input_ns is None, "it neither disarms nor overrides"
 
 
+@pytest.mark.long
 def test_nobody_there_is_a_refusal_with_what_to_do(capsys, tmp_path):
     code, rows = check("udpout:127.0.0.1:9", capsys, tmp_path)
     assert code == 1 and rows["heartbeat"]["level"] == "refuse" and "mavlink.url" in rows["heartbeat"]["fix"]
     assert not [row for row in rows.values() if row["area"] == "autopilot"], "nothing is said of what was not read"
 
 
+@pytest.mark.long
 def test_an_autopilot_that_is_not_ours_is_refused_by_its_system(capsys, tmp_path):
     text = (EXAMPLES / "aritra.toml").read_text(encoding="utf-8")
     text = re.sub(r'"(boats|sites|missions)/', rf'"{EXAMPLES}/\1/', text)
@@ -162,6 +166,7 @@ def provision(url, capsys, *options):
     return code, told.out + told.err
 
 
+@pytest.mark.long
 def test_a_wiring_is_shown_asked_for_written_and_restarted(capsys, monkeypatch):
     rover = boat("unsafe_plain")
     rover.files = FtpFiles()
@@ -199,6 +204,7 @@ class Mute(FtpFiles):
         return []
 
 
+@pytest.mark.long
 def test_without_file_transfer_nothing_restarts_and_the_hand_is_told_what_to_do(capsys):
     rover = boat("scaled")
     vehicle, rover.files = rover.vehicle, Mute()
@@ -209,6 +215,7 @@ def test_without_file_transfer_nothing_restarts_and_the_hand_is_told_what_to_do(
     assert rover.vehicle.parameters["SERVO1_FUNCTION"] == 94
 
 
+@pytest.mark.long
 def test_logs_are_fetched_once(tmp_path, capsys):
     rover = boat("gate")
     rover.logs = Logs([b"one" * 100, b"two" * 1000])

@@ -53,6 +53,7 @@ def test_the_named_ones_alone_whatever_their_clock(key, capsys):
     assert capsys.readouterr().out.startswith("b: stopped after")
 
 
+@pytest.mark.long
 def test_another_boats_key_stops_nobody(key, capsys, monkeypatch):
     monkeypatch.setitem(stop_boats.PATIENCE_S, "stop", 2.0)
     port = free_port()
@@ -95,6 +96,7 @@ def test_nobody_there_is_no_success(listens, key, capsys, monkeypatch):
     assert f"tcp/127.0.0.1:{port}" in said and "no stop was sent" in said
 
 
+@pytest.mark.long
 def test_in_the_consoles_place_boats_are_awaited_that_connect_later(key, capsys, monkeypatch):
     port, codes = free_port(), []
     monkeypatch.setattr("companion.cli.shore.stop.LOCAL", f"tcp/127.0.0.1:{port}")
@@ -111,6 +113,7 @@ def test_in_the_consoles_place_boats_are_awaited_that_connect_later(key, capsys,
     assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["a", "late"]
 
 
+@pytest.mark.long
 def test_without_an_endpoint_it_goes_through_the_console_of_this_computer(key, capsys, monkeypatch):
     async def play():
         async with serving() as desk:

@@ -120,6 +120,7 @@ def test_a_run_file_survives_being_written(tmp_path):
     assert run.vessel == str((EXAMPLES / "boats/aritra.toml").resolve())
 
 
+@pytest.mark.long
 def test_the_simulator_starts_several_boats_on_wires_of_their_own(tmp_path):
     """Real processes: each says where it is and how to run its companion, whose run file names the same places."""
     sim = ["sim", "--boats", "anna,bob", "--out", str(tmp_path / "out"), "--shore", "--udp-to", "127.0.0.1:24551",

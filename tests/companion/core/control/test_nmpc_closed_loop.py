@@ -20,6 +20,7 @@ def cross_track(states, angle):
     return -np.sin(angle) * states[:, 0] + np.cos(angle) * states[:, 1]
 
 
+@pytest.mark.long
 def test_a_constant_disturbance_leaves_no_offset_on_a_leg():
     loop = Loop(at(), d=(0.0, 2.0, 0.0)).run(25, lambda x: leg_rows(x, S, angle=0.3))
     end = np.array(loop.states[-20:])
@@ -52,6 +53,7 @@ def test_it_turns_round_from_a_cold_start():
 
 
 @pytest.mark.parametrize("thrusters", [2, 6])
+@pytest.mark.long
 def test_other_boats_follow_the_leg_too(thrusters):
     """Two parallel thrusters (underactuated), and six with two athwartships; 1 m off and turned away."""
     start = at(east=1.0, psi=0.5, thrusters=thrusters)
@@ -110,6 +112,7 @@ class Converged:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.long
 def test_one_iteration_drives_as_well_as_the_converged_optimum(seed):
     rng = np.random.default_rng(seed)
     start = at(east=rng.normal(), psi=rng.normal() * 0.8, u=0.3)

@@ -41,6 +41,7 @@ def check_plan(result, x0):
     assert np.allclose(x[0], x0)
 
 
+@pytest.mark.long
 def test_a_plan_obeys_the_limits_and_the_dynamics():
     rng = np.random.default_rng(11)
     fine = step_function(StructuredModel.of(variant(4)), S.step_s, 20)
@@ -164,6 +165,7 @@ def test_a_bad_request_fails_with_its_reason(name, value):
     assert result.f_n == () and result.x == () and result.cost is None
 
 
+@pytest.mark.long
 def test_a_hopeless_problem_fails_and_the_next_recovers():
     """Too few iterations for a cold start and for the rescue: a plan that does not close is not called ok."""
     vessel = variant(4)
@@ -176,6 +178,7 @@ def test_a_hopeless_problem_fails_and_the_next_recovers():
     assert result.status == "ok"
 
 
+@pytest.mark.long
 def test_the_clock_is_the_one_given():
     ticks = itertools.count()
     vessel = variant(4)

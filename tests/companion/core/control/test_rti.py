@@ -91,6 +91,7 @@ def optimum(name: str, rti: Rti):
 
 
 @pytest.mark.parametrize("compiler", WAYS)
+@pytest.mark.long
 def test_repeated_it_ends_where_ipopt_and_fatrop_end(compiler):
     """Seed 21: ten states; cost to 1e-6, first command to 1 mN."""
     rng, rti = np.random.default_rng(21), boat(compiler)

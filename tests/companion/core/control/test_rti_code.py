@@ -22,6 +22,7 @@ from tests.companion.core.control.rti_fixture import WAYS, S, anywhere, boat, ne
 
 @pytest.mark.parametrize("thrusters", [2, 4, 6])
 @pytest.mark.skipif(not machine.may_run_what_was_written(), reason="the system forbids machine code")
+@pytest.mark.long
 def test_both_ways_give_the_same_numbers(thrusters):
     """Seed 23."""
     rng = np.random.default_rng(23)

@@ -51,6 +51,7 @@ def test_the_variational_jacobian_is_that_of_the_step(name):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("compiler", WAYS)
+@pytest.mark.long
 def test_repeated_it_ends_where_ipopt_ends_and_keeps_to_its_limits(name, compiler):
     """Seed 5. In a second local minimum IPOPT may end elsewhere, from the kernel's own plan it does not."""
     one, rng = rti(name, compiler), np.random.default_rng(5)

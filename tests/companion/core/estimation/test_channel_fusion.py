@@ -50,6 +50,7 @@ def at_rest(place, seconds: int, *, plain: bool = True) -> list[tuple[float, Sta
     [lambda t: 5.0 + max(0.0, 15.0 - 0.3 * t), lambda t: 5.0 + 5.0 * min(4, max(0, (t - 15) // 15))],
     ids=["15 m off that converge at 0.3 m/s", "steps of 5 m"],
 )
+@pytest.mark.long
 def test_a_slow_error_is_never_beyond_four_sigma_and_the_operator_is_told(north_m):
     seen = at_rest(lambda t: (north_m(t), 5.0), 60)
     for t, e in seen:

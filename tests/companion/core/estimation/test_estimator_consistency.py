@@ -36,6 +36,7 @@ def assert_goals(runs: list[Score]) -> None:
 
 
 @pytest.mark.parametrize("disturbed", [False, True])
+@pytest.mark.long
 def test_two_seeds_reach_the_goals_and_are_not_overconfident(disturbed: bool) -> None:
     runs = scores(range(1, 3), disturbed, 50.0)
     assert_goals(runs)

@@ -81,6 +81,7 @@ def test_a_boat_a_third_off_its_file_stays_within_the_margin_in_current_and_wind
 
 @settings(max_examples=8, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(excitation=feasible, seed=st.integers(0, 99))
+@pytest.mark.long
 def test_whatever_is_asked_for_the_boat_stays_inside_and_within_its_limits(excitation, seed):
     flight = flown(excitation, site=square(24.0), seed=seed, share=0.2, error_m=0.1, limit_s=30.0)
     lower, upper = force_limits(boat("aritra"))

@@ -19,6 +19,7 @@ BOATS = ("aritra", "twin", "cse1")
 @pytest.mark.parametrize("name", BOATS)
 @settings(max_examples=60, deadline=None)
 @given(segment=segments, phase=st.floats(0, 1), side=st.sampled_from([1.0, -1.0]))
+@pytest.mark.long
 def test_forces_never_exceed_the_thrusters_limits(name, segment, phase, side):
     vessel = boat(name)
     try:

@@ -38,6 +38,7 @@ def test_one_waypoint_is_a_point():
 
 
 @given(st.lists(st.tuples(st.floats(2, 12), st.floats(-150, 150)), min_size=1, max_size=5))
+@pytest.mark.long
 def test_its_points_lie_on_the_course_and_its_time_is_that_of_the_reference(legs):
     points, heading = [(0.0, 0.0)], 0.0
     for length, turn in legs:

@@ -88,6 +88,7 @@ def test_the_plan_asks_no_faster_than_the_thrusters_are():
 
 
 @pytest.mark.parametrize(("vessel", "broken"), [(DEAD, 0), (REVERSED, 3)], ids=["dead", "reversed"])
+@pytest.mark.long
 def test_the_nmpc_holds_a_leg_and_a_side_force_with_what_is_left(vessel, broken):
     """25 s from 1 m beside the line at 0.5 m/s, 4 N from the side; model and plant the same."""
     s = NmpcSettings()

@@ -140,6 +140,7 @@ def wrong(plain):
     return replace_run(plain, messages=sorted(bad, key=lambda m: m.t_rx_ns))
 
 
+@pytest.mark.long
 def test_the_filter_does_not_notice_errors_that_its_file_knows(plain, wrong):
     """Seed 2. Not the same to the last digit: later bytes are fused later, a larger scale makes ranges count more."""
     good = estimate(plain, Estimator(BASE, basin()))

@@ -118,6 +118,7 @@ def test_a_lost_autopilot_ends_it_in_neutral():
     assert in_neutral(run, since)
 
 
+@pytest.mark.long
 def test_without_the_tag_it_waits_in_neutral_then_stops():
     run = under_way(2)
     run.world.silent_uwb = True

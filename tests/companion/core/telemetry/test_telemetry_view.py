@@ -63,6 +63,7 @@ def told_of_a_voyage():
     return watched, told
 
 
+@pytest.mark.long
 def test_a_voyage_is_told_at_the_stated_rates():
     watched, told = told_of_a_voyage()
     counts = Counter(shore.topic_of(t) for t in told)

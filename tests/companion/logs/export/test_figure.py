@@ -14,6 +14,7 @@ def run(*argv: object) -> int:
 
 
 @pytest.mark.parametrize("width_mm", [88.0, 180.0])
+@pytest.mark.long
 def test_it_is_as_wide_as_asked_and_nothing_stands_outside(drive_log, width_mm):
     figure = printed(collect(LogFile(drive_log(10.0))), width_mm)
     assert figure.get_figwidth() == pytest.approx(width_mm / 25.4)
@@ -42,6 +43,7 @@ def test_a_pdf_has_its_fonts_inside_and_comes_out_the_same_twice(drive_log, tmp_
     assert data == (tmp_path / "b.pdf").read_bytes()
 
 
+@pytest.mark.long
 def test_print_goes_beside_the_log_as_pdf_and_the_overview_as_png(drive_log):
     log = drive_log(2.0)
     assert run(log, "--print", "120") == run(log) == log_cli.OK

@@ -59,6 +59,7 @@ def test_the_tag_is_where_it_was_by_position_and_by_ranges(drive_log):
     assert np.sqrt(((fixes - truth) ** 2).mean()) < 0.15
 
 
+@pytest.mark.long
 def test_all_panels_are_drawn_and_the_track_has_equal_axes(drive_log):
     figure = Figure()
     draw(figure, collect(LogFile(drive_log(10.0))), "title")

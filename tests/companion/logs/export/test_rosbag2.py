@@ -77,6 +77,7 @@ def covariances(draw):
     battery=st.tuples(st.floats(0, 60), st.none() | st.floats(-50, 50), st.none() | st.integers(0, 100)),
     delay_ns=st.integers(0, 10**9), text=st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"])),
 )  # fmt: skip
+@pytest.mark.long
 def test_what_was_logged_comes_back(
     tmp_path_factory, site, covariance, place, psi, nu, push, tilt, imu, pwm, battery, delay_ns, text
 ):

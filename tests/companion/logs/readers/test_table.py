@@ -51,6 +51,7 @@ def runs(draw) -> Run:
 @pytest.mark.parametrize("ending", ["csv", "csv.gz", "parquet"])
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(run=runs())
+@pytest.mark.long
 def test_written_and_read_is_the_same_bit_for_bit(run: Run, ending: str, tmp_path):
     path = tmp_path / f"run.{ending}"
     write_run(run, path)

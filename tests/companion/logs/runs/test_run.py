@@ -77,6 +77,7 @@ def test_samples_stand_only_in_their_own_rows():
 
 
 @given(st.lists(st.tuples(st.floats(0.001, 0.5), st.integers(1100, 1900)), min_size=1, max_size=40))
+@pytest.mark.long
 def test_commands_held_again_are_the_columns(steps):
     """`commands` says when something changed; holding that gives back every row."""
     t_s = np.cumsum([dt for dt, _ in steps])

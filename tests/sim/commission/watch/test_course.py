@@ -61,6 +61,7 @@ def step(name: str, size: float, onset: int):
 
 
 @pytest.mark.parametrize("excess", [1.0, 6.0])
+@pytest.mark.long
 def test_no_change_is_told_in_two_hundred_missions_without_one(excess):
     found = taken(missions(1, 200, excess=excess))
     assert found.changes == ()

@@ -56,6 +56,7 @@ def test_current_and_wind_belong_to_the_day(windy):
     assert windy.day["current.east_m_s"] == pytest.approx(0.12 * np.sin(np.radians(70)), abs=0.03)
 
 
+@pytest.mark.long
 def test_a_weak_thruster_is_seen_in_wind_and_current():
     thrusters = tuple(replace(t, gain=0.7 * t.gain) if t.name == "rear_port" else t for t in VESSEL.thrusters)
     weak = replace(VESSEL, thrusters=thrusters)

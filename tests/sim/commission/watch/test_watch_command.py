@@ -35,6 +35,7 @@ def watch(folder: Path, *words: object) -> int:
     return exit_code("watch", *words, "--vessel", FILE, "--history", folder)
 
 
+@pytest.mark.long
 def test_logs_are_taken_in_once_a_bad_one_is_named_and_a_yes_writes_a_new_file(tmp_path, logs, capsys):
     history, bad = tmp_path / "history", tmp_path / "bad.csv"
     bad.write_text("no log\n")

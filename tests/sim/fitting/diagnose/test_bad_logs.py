@@ -44,6 +44,7 @@ def other_good() -> Run:
 
 
 @pytest.mark.parametrize("case", REFUSED, ids=lambda case: case.what)
+@pytest.mark.long
 def test_what_cannot_be_used_is_refused_by_file_and_column(case):
     found = survive.outcome(case)
     assert survive.holds(case, found), found.text

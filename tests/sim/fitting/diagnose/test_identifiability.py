@@ -180,6 +180,7 @@ def test_a_longer_log_tells_more(times):
     assert set(long.hidden) <= set(short.hidden)
 
 
+@pytest.mark.long
 def test_straight_lines_confuse_and_hide_what_all_axes_tell():
     straight = pairwise_evidence(*judged(STRAIGHT, 2))
     rich = pairwise_evidence(*judged(RICH))

@@ -128,6 +128,7 @@ def test_noise_of_every_day_without_a_yaw_rate():
     assert np.isfinite(about).all() and np.isfinite(found).all() and np.isfinite(height)
 
 
+@pytest.mark.long
 def test_waves_are_found_with_direction_and_size():
     rng, data, force = world(3, waves.STEP_S)
     a = 0.8 * band(rng, len(force), 2.2, 0.04, data.step_s)
@@ -161,6 +162,7 @@ def test_ambient_force_is_no_wave(seed):
     assert seen.nats < waves.QUICK_NATS or seen.F_w_N < waves.SMALLEST_N
 
 
+@pytest.mark.long
 def test_an_engine_that_oscillates_is_no_wave():
     """The same band, but along the boat's own axis: it does not know where north is. Seed 7."""
     rng, data, force = world(7, waves.STEP_S, 4.0)

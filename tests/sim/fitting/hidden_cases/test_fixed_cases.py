@@ -44,6 +44,7 @@ def marks(case: str) -> list[pytest.MarkDecorator]:
 
 
 @pytest.mark.parametrize("case", [pytest.param(name, marks=marks(name)) for name in CASES])
+@pytest.mark.long
 def test_what_is_hidden_is_found(case: str, tmp_path: Path) -> None:
     found, truth = said_of(case, tmp_path)
     names = {cause["name"] for cause in found["causes"]}

@@ -52,6 +52,7 @@ def position_error_m(vessel: VesselFile, run: Run) -> float:
     return float(score.rms["position"][score.horizons_s.index(10)])
 
 
+@pytest.mark.long
 def test_what_the_file_lacks_is_found_and_written():
     found = chosen(teleop_run(weak_astern(), 2, 150.0, uwb_hz=5.0, sigma_m=0.07))
     assert {"astern", "speed_damping"} <= kept(found)

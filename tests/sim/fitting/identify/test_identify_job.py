@@ -12,10 +12,11 @@ from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.run import LogProblem, Run, RunMeta
 from sim.fitting.engine.parameters import WARP, Parameters, file_values
 from sim.fitting.engine.split import JobError, NamedLog, split
+from sim.fitting.identify.advice import MANOEUVRES, advice
 from sim.fitting.identify.chosen_fit import ChosenFit
 from sim.fitting.identify.result import Estimate, FitResult, ResidualChannel, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
-from sim.fitting.identify.verdict import MANOEUVRES, NAMES, NEEDED, advice, relative_error, verdict
+from sim.fitting.identify.verdict import NAMES, NEEDED, relative_error, verdict
 from sim.fitting.validate.models import ConstantVelocity, ZeroVelocity
 from sim.fitting.validate.protocol import CHANNELS
 from sim.fitting.validate.scores import Score, SpeedBox
@@ -203,8 +204,8 @@ def test_one_of_linear_and_quadratic_damping_is_enough():
 
 def test_every_parameter_has_a_manoeuvre_and_one_only():
     for name in NAMES_OF:
-        mine = [text for heads, text in MANOEUVRES if name.startswith(heads)]
+        mine = [m for m in MANOEUVRES if name.startswith(m.heads)]
         assert len(mine) == (0 if name in WARP else 1), name
     assert {name for group in NEEDED for name in group} <= set(NAMES_OF)
-    told = dict(advice(fit(("Y_r_N_s", "gain_rear_port", *WARP))))
+    told = dict(advice(("Y_r_N_s", "gain_rear_port"), boat("aritra")))
     assert set(told) == {("Y_r_N_s",), ("gain_rear_port",)} and "zig-zag" in told[("Y_r_N_s",)]

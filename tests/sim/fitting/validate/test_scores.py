@@ -110,5 +110,5 @@ def test_divergence_counts_and_quantiles(found):
     assert gone.diverged[-1] == np.isfinite(gone.first_s).mean() > 0.0
     assert (np.diff(gone.diverged) >= 0).all()
     assert (np.diff(true.position_m, axis=1) >= 0).all()
-    assert "| true | 0.00 m, 0 %" in divergence_table([true, gone])
-    assert divergence_table([true, gone]).endswith("| - |")
+    first, second = divergence_table([true, gone]).rows
+    assert first[:2] == ("true", "0.00 m, 0 %") and second[-1] == "-"

@@ -86,11 +86,13 @@ def test_sentences_say_who_wins_and_who_runs_away(found):
     assert not any(line.startswith("true:") for line in text)
 
 
+@pytest.mark.long
 def test_the_report_stands_alone_and_begins_with_sentences(found, run):
     figure = training_log(run, paper_motion(run, NOISE), smooth(run, NOISE))
     departures = divergence_study([VesselSimulator("true", VESSEL)], found.windows, found.box)
     page = report(
         found,
+        VESSEL,
         title="Boat <1>",
         before=[Section("Fitted", ("On one log.",), "a < b")],
         after=[Section("More", figures=((figure, "5 and 6"), (divergence(departures), "how many are left")))],

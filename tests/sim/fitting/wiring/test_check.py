@@ -35,6 +35,7 @@ def right() -> Run:
 
 
 @pytest.mark.parametrize("fault", [f if f in ALWAYS else pytest.param(f, marks=long) for f in FAULTS])
+@pytest.mark.long
 def test_each_fault_is_named_and_put_right(fault):
     run = drive(fault, seed=SEED + 1 + FAULTS.index(fault))
     found = check(run)

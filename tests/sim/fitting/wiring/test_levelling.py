@@ -91,6 +91,7 @@ def test_noise_of_an_attitude_follows_nothing_however_long_the_log():
 
 
 @pytest.mark.parametrize(("index", "seconds"), [(1, 200.0), (4, 200.0), (1, 60.0), (4, 60.0)])
+@pytest.mark.long
 def test_on_a_boat_of_another_hand(index, seconds):
     """A hull that rolls and pitches, its AHRS without GPS, and the same hull with its true attitude."""
     case = draw.draw("levelling-tests", index, foreign=True, train_s=seconds)

@@ -32,6 +32,7 @@ def scene(rover, work, seconds=40.0):
 
 
 @pytest.mark.parametrize("firmware", ["4.6", "4.7"])
+@pytest.mark.long
 def test_the_difference_to_a_file_is_written_and_read_back(firmware):
     rover = booted_rover(parameters={**BOARD_PARAMETERS, **load("unsafe_plain"), "SYSID_MYGCS": 255}, firmware=firmware)
     stored, wanted = rover.vehicle.parameters, load("gate")
@@ -51,6 +52,7 @@ def test_the_difference_to_a_file_is_written_and_read_back(firmware):
     assert {c.name for c in found if c.reboot} == {"SCR_ENABLE", *(f"SERVO{n}_FUNCTION" for n in range(1, 5))}
 
 
+@pytest.mark.long
 def test_armed_is_told_by_the_next_heartbeat_and_a_reboot_is_refused_then():
     rover = booted_rover()
 
@@ -140,6 +142,7 @@ def test_with_the_key_all_of_it_works_where_signatures_are_asked_for():
     assert set(signing.counts) <= {"believed", "old"}, "old: before it had heard us, whose clock is right"
 
 
+@pytest.mark.long
 def test_with_another_key_nothing_is_done_there():
     rover = booted_rover(serial_of=lambda peer: 1)
     before = {row.name: rover.vehicle.parameters[row.name] for row in TABLE}
@@ -148,6 +151,7 @@ def test_with_another_key_nothing_is_done_there():
     assert {name: rover.vehicle.parameters[name] for name in before} == before
 
 
+@pytest.mark.long
 def test_without_signatures_nothing_is_done_there_and_it_says_so_at_once():
     rover = booted_rover(serial_of=lambda peer: 1)
     begin_s = time.monotonic()

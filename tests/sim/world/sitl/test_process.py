@@ -156,6 +156,7 @@ def test_a_firmware_that_pauses_is_told_of_and_goes_on_where_it_was(shared):
     assert "firmware silent for 2 s" in shared.said and "firmware back after 3." in shared.said
 
 
+@pytest.mark.long
 def test_the_tag_is_on_its_terminal_as_in_the_loopback(shared):
     uwb = setup().pilot.vessel.sensors.uwb
     codec, heard, ended = uwb_codec(uwb.wire_format, "tag", uwb.rate_Hz), [], threading.Event()

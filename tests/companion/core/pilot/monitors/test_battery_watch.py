@@ -80,6 +80,7 @@ def test_limits_in_per_cent_need_somebody_who_counts(limits, reading, count):
     assert all("BATT_CAPACITY" in alert.text and "critical_percent" in alert.text for alert in alerts)
 
 
+@pytest.mark.long
 def test_the_pilot_says_it_under_way():
     shell = on_the_leg()
     for k in range(150):

@@ -56,6 +56,7 @@ def test_a_second_and_five_readings_are_needed_and_no_more(period_ms, stuck_from
 
 
 @pytest.mark.parametrize("message", [IMU, ATTITUDE])
+@pytest.mark.long
 def test_a_boat_at_rest_may_say_the_same_for_an_hour(message):
     assert said([replace(message, t_ns=k * 20 * MS) for k in range(180_000)], moves=False) == ([False] * 180_000, [])
 

@@ -49,6 +49,7 @@ def gain(i, share):
         (lambda f: -2.0 * B @ f, "reversed", -1),
     ],
 )
+@pytest.mark.long
 def test_it_names_what_was_done(spoil, kind, i):
     hypothesis, nats, mean = told(spoil)
     assert (hypothesis.kind, hypothesis.i) == (kind, i) and nats > 15.0
@@ -69,6 +70,7 @@ def test_a_push_and_a_bad_accelerometer_are_no_thruster():
 
 
 @pytest.mark.parametrize("seed", range(5))
+@pytest.mark.long
 def test_a_sound_boat_with_thrusters_off_and_a_wind_is_not_accused(seed):
     rng = np.random.default_rng([seed, 1])
     shares, wind = rng.uniform(0.8, 1.2, 4), rng.normal(0, 2, 3) * (1.0, 1.0, 0.3)

@@ -99,6 +99,7 @@ def test_strangers_get_none(folder, path):
         assert ask(folder, path, **{"Sec-Fetch-Site": site})[0][0] == 403, "a link of another site makes no work"
 
 
+@pytest.mark.long
 def test_a_page_is_made_once_in_a_sandbox_and_what_is_no_log_is_said(folder, monkeypatch):
     (folder / "a.part1.mcap").unlink()
     page_log(folder)

@@ -108,6 +108,7 @@ def test_causes_are_taken_back_one_at_a_time_the_least_needed_first(monkeypatch)
     assert Elimination(monkeypatch, {"a": "hull", "b": "sensors"}, scores).gone() == {"b"}
 
 
+@pytest.mark.long
 def test_held_out_readings_are_asked_of_a_model_without_the_cause_not_with_what_its_band_leaves_of_it():
     """A tolerance band lets a gyro that reads 9 % too much keep nearly all of it: every model foretold as well."""
     run = leaning(short(seconds=60.0))

@@ -22,7 +22,7 @@ from companion.core.excitation.pen import Pen
 from companion.core.messages import ExcitationStatus, GroundTruth, GuidanceReference, ModeStatus
 from companion.core.pilot.pilot import Pilot
 from companion.logs.log_file import LogError, LogFile
-from companion.python_child import aritra
+from companion.python_child import dependent_aritra
 from sim.commission.journal import LOG
 from sim.world.stepped import SteppedRun
 from sim.world.stepped_controller import no_plan, stepped_controller
@@ -118,7 +118,7 @@ class RealBoat:
 
     def fly(self, files: Mapping[str, str], folder: Path, say: Say) -> Flown:
         """See `Boat`."""
-        words = aritra("run", "--start", "--end-after", "2", *self.wires)
+        words = dependent_aritra("run", "--start", "--end-after", "2", *self.wires)
         words += ["--config", str(folder / "run.toml"), "--log", str(folder / LOG)]
         if "excitation.toml" in files:
             words += ["--excite", str(folder / "excitation.toml")]

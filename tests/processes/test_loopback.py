@@ -180,15 +180,16 @@ def test_a_companion_that_is_asked_to_end_ends_in_neutral_disarmed(loopback):
     assert all(x.pwm_us == (1500,) * 8 for x in messages if isinstance(x, OverrideLease) and x.t_ns > asked_ns + 1e8)
 
 
-def test_a_demo_that_is_asked_to_end_leaves_nobody_behind(tmp_path):
-    """Simulator and companion drove on, for ever."""
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 130), (signal.SIGKILL, -signal.SIGKILL)])
+def test_a_demo_that_ends_leaves_nobody_behind(number, code, tmp_path):
+    """Asked to end, or killed: simulator and companion drove on, for ever."""
     with process(["demo", "--out", str(tmp_path / "out")], tmp_path / "text.txt") as child:
         started = psutil.Process(child.pid)
         wait_for(lambda: len(started.children()) == 2, 30.0, (tmp_path / "text.txt").read_text)
         both = started.children()
-        child.terminate()
-        assert child.wait(30) == 130, (tmp_path / "text.txt").read_text()
-    assert not any(one.is_running() for one in both)
+        child.send_signal(number)
+        assert child.wait(30) == code, (tmp_path / "text.txt").read_text()
+    assert not psutil.wait_procs(both, timeout=20)[1]
 
 
 @pytest.mark.long

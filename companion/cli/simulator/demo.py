@@ -27,7 +27,7 @@ from companion.cli.simulator.fleet import FleetBoat
 from companion.cli.simulator.fleet_options import add_fleet_arguments, boats_of
 from companion.cli.simulator.world_options import add_world_arguments, check_start, world_arguments
 from companion.logs.log_file import LogError
-from companion.python_child import aritra
+from companion.python_child import dependent_aritra
 from drivers.devices import devices_of
 
 STATION_S = 5.0
@@ -172,7 +172,7 @@ def drive(
 def _start(args: argparse.Namespace, boats: Sequence[FleetBoat], k: int, wires: Path, keys: Sequence[str]) -> _Pair:
     """Both processes of boat k, in a world with a seed of its own."""
     boat, port, uwb = boats[k], free_port(), wires / f"uwb-{k}"
-    program = aritra()
+    program = dependent_aritra()
     config = ["--config", str(boat.config)]
     mission = ["--mission", str(args.mission)] if args.mission else []
     own = world_arguments(argparse.Namespace(**vars(args) | {"seed": args.seed + k}))

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.core.configuration.sensors import Sensors
+from companion.core.configuration.sensors import Sensors, Uwb
 from companion.core.configuration.site_file import Site
 from companion.core.estimation.filter_state import FilterState
 from companion.core.estimation.ranging.ranges import line_of_sight
@@ -96,15 +96,15 @@ class LateRangesMonitor(Monitor[LateRangesState]):
 
     def on_tick(self, state: LateRangesState, view: TickView) -> tuple[LateRangesState, MonitorReport]:
         """One more point of the path, and once a second a verdict."""
-        if state.findings or self._uwb is None:
+        if state.findings or (uwb := self._uwb) is None:
             return state, NOTHING
         if view.belief is None or view.learning:
             return self.initial, NOTHING
-        state = self._moved(state, view, view.belief)
+        state = self._moved(state, view, view.belief, uwb)
         if view.t_ns - state.judged_ns < PERIOD_NS or view.thrusters_suspected:
             return state, NOTHING
         state = replace(state, judged_ns=view.t_ns)
-        if not (delay_s := self._delay_s(state)):
+        if not (delay_s := self._delay_s(state, uwb)):
             return state, NOTHING
         text = (
             f"UWB ranges come about {delay_s:g} s late: they tell where the boat was (latency_s of sensors.uwb in the"
@@ -113,7 +113,7 @@ class LateRangesMonitor(Monitor[LateRangesState]):
         state = replace(state, findings=(Finding("sensor", "position", text, view.t_ns),))
         return state, MonitorReport(alerts=(Alert(t_ns=view.t_ns, level="error", text=text),))
 
-    def _moved(self, state: LateRangesState, view: TickView, belief: FilterState) -> LateRangesState:
+    def _moved(self, state: LateRangesState, view: TickView, belief: FilterState, uwb: Uwb) -> LateRangesState:
         """With the tick's motion, and the ranges that came before it."""
         if not state.forces:
             is_gap = not state.path or view.t_ns * 1e-9 - state.path[-1].t_s > GAP_S
@@ -121,8 +121,8 @@ class LateRangesMonitor(Monitor[LateRangesState]):
         level = [to_level(*belief.tilt, m.ax_m_s2, m.ay_m_s2, m.az_m_s2) for m in state.forces]
         t_s, heading, (u, v, _) = view.t_ns * 1e-9, cmath.rect(1.0, float(belief.x[2])), view.model_nu
         force = complex(fmean(a[0] for a in level), fmean(a[1] for a in level))
-        tag = complex(*belief.x[:2]) + heading * complex(self._uwb.x_m, self._uwb.y_m)
-        tag_m = np.array([tag.real, tag.imag, self._uwb.z_m])
+        tag = complex(*belief.x[:2]) + heading * complex(uwb.x_m, uwb.y_m)
+        tag_m = np.array([tag.real, tag.imag, uwb.z_m])
         point = PathPoint(t_s, heading, heading * complex(u, v), heading * force)
         seen = [r for m in state.cycles for r in self._projected(m, tag_m)]
         return replace(
@@ -137,7 +137,7 @@ class LateRangesMonitor(Monitor[LateRangesState]):
                 distance, e = line_of_sight(tag_m, self._anchors_m[r.anchor])
                 yield SeenRange(m.t_ns * 1e-9, complex(e[0], e[1]), r.range_m - distance + float(e[:2] @ tag_m[:2]))
 
-    def _delay_s(self, state: LateRangesState) -> float:
+    def _delay_s(self, state: LateRangesState, uwb: Uwb) -> float:
         """Of the ranges of the window; 0: none that is sure."""
         seen = state.ranges
         if len(seen) < LEAST_RANGES:
@@ -148,10 +148,10 @@ class LateRangesMonitor(Monitor[LateRangesState]):
         if np.abs(np.diff(way)).sum() < WAY_M:
             return 0.0
         weight = min(1.0, COUNTS_HZ * len(self._anchors_m) * (seen[-1].t_s - seen[0].t_s) / len(seen))
-        tag, imu = complex(self._uwb.x_m, self._uwb.y_m), complex(self._imu.x_m, self._imu.y_m)
+        tag, imu = complex(uwb.x_m, uwb.y_m), complex(self._imu.x_m, self._imu.y_m)
         by_model = way + heading * tag
         by_force = np.cumsum(dt_s * np.cumsum(dt_s * force)) + heading * (tag - imu)
-        window, bias = RangeWindow(seen, self._uwb.range_sigma_m), np.cumsum(dt_s * np.cumsum(dt_s * heading))
+        window, bias = RangeWindow(seen, uwb.range_sigma_m), np.cumsum(dt_s * np.cumsum(dt_s * heading))
         delay_s, nats = window.best(t_s, by_model, by_model - by_model.mean(), (FLOW_M_S, SHARE))
         if nats * weight < MODEL_NATS:
             return 0.0
@@ -185,9 +185,9 @@ class RangeWindow:
     def _cost(self, path: np.ndarray, shape: np.ndarray, information: np.ndarray) -> float:
         """Negative logarithm of the posterior at its maximum over c, w, b: iteratively reweighted least squares."""
         since_s = self._t_s - self._t_s[-1]
-        parts = [self._u.conj() * g * turn for g in (1.0, since_s, shape) for turn in (1.0, 1.0j)]
-        A = np.column_stack([part.real for part in parts]) / self._sigma_m
-        b = (self._along_m - (self._u.conj() * path).real) / self._sigma_m
+        parts = [np.conj(self._u) * g * turn for g in (1.0, since_s, shape) for turn in (1.0, 1.0j)]
+        A = np.real(np.column_stack(parts)) / self._sigma_m
+        b = (self._along_m - np.real(np.conj(self._u) * path)) / self._sigma_m
         weight, theta, e = np.ones(len(b)), np.zeros(6), b
         for _ in range(REWEIGHTED):
             normal = (A.T * weight) @ A + np.diag(information)

@@ -82,7 +82,7 @@ def test_only_a_person_at_the_terminal_lets_it_fly_on(terminal, answer, goes_on,
 def test_a_boat_does_not_drive_on_where_its_commissioning_is_asked_to_end(tmp_path, monkeypatch):
     there = tmp_path / "pid"
     program = f"import os, pathlib, time; pathlib.Path('{there}').write_text(str(os.getpid())); time.sleep(60)"
-    monkeypatch.setattr(boats, "aritra", lambda *_words: python("-c", program))
+    monkeypatch.setattr(boats, "dependent_aritra", lambda *_words: python("-c", program))
 
     def ask_to_end():
         while not (there.exists() and there.read_text()):

@@ -12,7 +12,9 @@ A heading that jumps farther than any boat turns is left out at once.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 from msgspec.structs import replace as struct_replace
@@ -143,7 +145,7 @@ class HeadingMonitor(Monitor[HeadingState]):
         model = state.now.model_rad + view.period_s * view.model_nu[2]
         thrust_n = view.belief.f_n[: len(self._most_n)]
         now = replace(state.now, model_rad=model, share=float(np.mean(np.abs(thrust_n) / self._most_n)))
-        past = tuple(t for t in (*state.past, now) if now.t_ns - t.t_ns <= LATELY_S * 1e9)
+        past = (*state.past[_first(state.past, now.t_ns - round(LATELY_S * 1e9)) :], now)
         state = replace(state, now=now, past=past)
         if state.jumped or state.findings:
             return state, self._report(state)
@@ -178,7 +180,12 @@ def _contradiction(now: Turn, past: tuple[Turn, ...], window_s: float, limit_rad
 
 def _last(now: Turn, past: tuple[Turn, ...], window_s: float) -> Turn:
     """The sums `window_s` ago."""
-    return next((t for t in past if now.t_ns - t.t_ns <= window_s * 1e9), now)
+    return past[_first(past, now.t_ns - round(window_s * 1e9))]
+
+
+def _first(past: tuple[Turn, ...], t_ns: int) -> int:
+    """Place of the first that is no older."""
+    return bisect_left(past, t_ns, key=attrgetter("t_ns"))
 
 
 def _turned(now: Turn, then: Turn) -> tuple[float, float, float]:

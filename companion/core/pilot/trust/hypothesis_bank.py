@@ -107,20 +107,23 @@ class ThrusterBank:
         self.B, self._M, n = B, M, B.shape[1]
         self.hypotheses = hypotheses(n)
         K, self._n = len(self.hypotheses), n
-        self._mean0, self._P0 = np.zeros((K, n + 4)), np.zeros((K, n + 4, n + 4))
+        self._mean0, self._variance0 = np.zeros((K, n + 4)), np.zeros((K, n + 4))
         self._d_sigma = np.array([D_SIGMA.get(h.kind, SOUND_D) for h in self.hypotheses])
+        self._free = np.zeros((K, n + 4), dtype=bool)
         for k, h in enumerate(self.hypotheses):
-            variance = np.r_[np.square(self._d_sigma[k]), np.full(n, GAIN_SIGMA**2), 0.0]
+            self._variance0[k] = np.r_[np.square(self._d_sigma[k]), np.full(n, GAIN_SIGMA**2), 0.0]
             if h.kind == "gain":
-                self._mean0[k, 3 + h.i], variance[3 + h.i] = FAULT_GAIN, FAULT_GAIN_SIGMA**2
+                self._mean0[k, 3 + h.i], self._variance0[k, 3 + h.i] = FAULT_GAIN, FAULT_GAIN_SIGMA**2
             elif h.kind == "stuck":
-                variance[-1], variance[3 + h.i] = STUCK_SIGMA_N**2, 0.0
-            self._P0[k] = np.diag(variance)
+                self._variance0[k, -1], self._variance0[k, 3 + h.i] = STUCK_SIGMA_N**2, 0.0
+            free = {"gain": [3 + h.i], "stuck": [3 + h.i, n + 3]}.get(h.kind, range(3) if h.kind in D_SIGMA else [])
+            self._free[k, list(free)] = True
+        self._H0, self._by_f, self._offset_f, self._offset_a = self._measurements()
 
     def initial(self) -> BankState:
         """Nothing seen."""
-        K = len(self.hypotheses)
-        return BankState(self._mean0.copy(), self._P0.copy(), np.zeros(K), np.zeros(3))
+        K, n = self._mean0.shape
+        return BankState(self._mean0.copy(), self._variance0[:, :, None] * np.eye(n), np.zeros(K), np.zeros(3))
 
     def step(self, state: BankState, w: np.ndarray, f_n: np.ndarray, a_m_s2: np.ndarray, dt_s: float) -> BankState:
         """After one residual w (3,) under forces f (n,) [N], where the accelerometer should feel a (2,)."""
@@ -139,8 +142,9 @@ class ThrusterBank:
         axes = np.arange(3)
         P[:, axes, axes] += (1 - decay**2) * self._d_sigma**2
         # 3. innovations of all hypotheses, and their likelihoods
-        H, offset = self._measurement(f_n, a_m_s2)
-        nu = w - offset - np.einsum("kij,kj->ki", H, mean)
+        H = self._H0.copy()
+        H[:, :, 3 : 3 + self._n] = self._by_f * f_n
+        nu = w - self._offset_f @ f_n - self._offset_a @ a_m_s2 - np.einsum("kij,kj->ki", H, mean)
         HP = H @ P
         S = HP @ H.transpose(0, 2, 1) + np.diag(R)
         inverse = np.linalg.inv(S)
@@ -153,38 +157,37 @@ class ThrusterBank:
         gained = np.clip(TEMPER * (log_likelihood - log_likelihood[0]), -MOST, MOST)
         nats = state.nats + gained
         nats -= max(0.0, nats.max() - CEILING)
-        for k in map(int, np.flatnonzero(nats <= 0.0)):
-            nats[k] = 0.0
-            if k:
-                mean[k], P[k] = self._afresh(k, mean[0], P[0])
+        anew = nats <= 0.0
+        nats[anew], anew[0] = 0.0, False
+        mean[anew], P[anew] = self._afresh(anew, mean[0], P[0])
         return replace(state, mean=mean, P=P, nats=nats, noise=noise, past=past, count=state.count + 1)
 
-    def _afresh(self, k: int, mean: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What `sound` knows, but for what hypothesis k is free in."""
-        mean, P, h = mean.copy(), P.copy(), self.hypotheses[k]
-        free = {"gain": [3 + h.i], "stuck": [3 + h.i, self._n + 3]}.get(h.kind, [0, 1, 2] if h.kind in D_SIGMA else [])
-        P[free, :] = P[:, free] = 0.0
-        P[free, free] = np.diagonal(self._P0[k])[free]
-        mean[free] = self._mean0[k][free]
-        return mean, P
+    def _afresh(self, which: np.ndarray, mean: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What `sound` knows, but for what each of these hypotheses is free in."""
+        free, kept = self._free[which], ~self._free[which]
+        P = P * kept[:, :, None] * kept[:, None, :]
+        diagonal = np.arange(P.shape[1])
+        P[:, diagonal, diagonal] += free * self._variance0[which]
+        return np.where(free, self._mean0[which], mean), P
 
-    def _measurement(self, f_n: np.ndarray, a_m_s2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """H (K, 3, 4 + n) and offset (K, 3)."""
-        n, K = self._n, len(self.hypotheses)
-        H, offset = np.zeros((K, 3, n + 4)), np.zeros((K, 3))
-        H[:, :, :3] = np.eye(3)
-        H[:, :, 3 : 3 + n] = self.B * f_n
+    def _measurements(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """H0 (K, 3, 4 + n), by_f and offset_f (K, 3, n), offset_a (K, 3, 2): with these
+
+        w = (H0 + [0 by_f * f 0]) x + offset_f f + offset_a a
+        """
+        n, K, B = self._n, len(self.hypotheses), self.B
+        H0, by_f, offset_f, offset_a = (np.zeros((K, 3, m)) for m in (n + 4, n, n, 2))
+        H0[:, :, :3], by_f[:] = np.eye(3), B
         for k, h in enumerate(self.hypotheses):
-            b_i = self.B[:, h.i] if h.is_thruster else 0.0
             if h.kind == "stuck":
-                H[k, :, -1], offset[k] = b_i, -f_n[h.i] * b_i
-                H[k, :, 3 + h.i] = 0.0
+                H0[k, :, -1], by_f[k, :, h.i], offset_f[k, :, h.i] = B[:, h.i], 0.0, -B[:, h.i]
             elif h.kind == "swap":
-                offset[k] = (f_n[h.j] - f_n[h.i]) * (b_i - self.B[:, h.j])
+                offset_f[k, :, h.j] = B[:, h.i] - B[:, h.j]
+                offset_f[k, :, h.i] = -offset_f[k, :, h.j]
             elif h.kind == "reversed":
-                offset[k] = -2.0 * self.B @ f_n
+                offset_f[k] = -2.0 * B
             elif h.kind == "accel":
-                H[k, :, :2] = self._M[:, :2]
+                H0[k, :, :2] = self._M[:, :2]
             elif h.kind == "askew":
-                offset[k] = self._M[:, :2] @ (AXES[h.i] @ a_m_s2 - a_m_s2)
-        return H, offset
+                offset_a[k] = self._M[:, :2] @ (AXES[h.i] - np.eye(2))
+        return H0, by_f, offset_f, offset_a

@@ -28,6 +28,8 @@ from companion.core.geometry.frames import to_level
 from companion.core.messages import Alert, ImuSample, OperatorCommand, UwbRanges
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.pilot.trust.verdict import Finding, is_forgotten
+from companion.core.sensors.inertial import InertialSensor
+from companion.core.sensors.uwb import RangingSensor
 
 DELAYS_S = (0.0, 0.5, 1.0, 1.5, 2.0)
 WINDOW_S, PERIOD_NS, GAP_S = 12.0, 1_000_000_000, 0.5
@@ -41,6 +43,8 @@ MODEL_NATS, FORCE_NATS, COUNTS_HZ = 14.0, 7.0, 4.0
 12 and 6 at once. Ranges that come more often than `COUNTS_HZ` share their errors."""
 HUBER, REWEIGHTED = 2.5, 4
 """Sigmas from which a range counts for less: reflections."""
+UNKNOWN = 1e-6
+"""Information of what may be anything: a sigma of a kilometre."""
 
 
 class PathPoint(NamedTuple):
@@ -62,13 +66,16 @@ class SeenRange(NamedTuple):
 
 @dataclass(frozen=True)
 class LateRangesState:
-    """`path`, `ranges`: of the window; `forces`, `cycles`: arrived since the last tick."""
+    """`path`, `ranges`: of the window; `forces`, `cycles`: arrived since the last tick; `judged_ns`: the last tick
+    after which a verdict was due, `is_due`: it still is.
+    """
 
     path: tuple[PathPoint, ...] = ()
     ranges: tuple[SeenRange, ...] = ()
     forces: tuple[ImuSample, ...] = ()
     cycles: tuple[UwbRanges, ...] = ()
     judged_ns: int = 0
+    is_due: bool = False
     findings: tuple[Finding, ...] = ()
 
 
@@ -79,7 +86,7 @@ class LateRangesMonitor(Monitor[LateRangesState]):
     initial = LateRangesState()
 
     def __init__(self, sensors: Sensors, site: Site):
-        self._uwb, self._imu = sensors.uwb, sensors.imu
+        self._uwb, self._imu, self._inertial = sensors.uwb, sensors.imu, InertialSensor(sensors.imu)
         self._anchors_m = {a.id: np.array([a.north_m, a.east_m, a.down_m]) for a in site.anchors}
 
     def on_message(
@@ -88,14 +95,18 @@ class LateRangesMonitor(Monitor[LateRangesState]):
         """Keep what comes until the tick; a new start forgets what was found."""
         if isinstance(message, OperatorCommand):
             return (self.initial if is_forgotten(state.findings, message) else state), NOTHING
-        if state.findings or self._uwb is None:
+        if state.findings or (uwb := self._uwb) is None:
             return state, NOTHING
-        if isinstance(message, ImuSample):
-            return replace(state, forces=(*state.forces, message)), NOTHING
-        return replace(state, cycles=(*state.cycles, message)), NOTHING
+        if isinstance(message, UwbRanges):
+            ranges, _ = RangingSensor.screen(message)
+            return (replace(state, cycles=(*state.cycles, ranges)) if ranges else state), NOTHING
+        if self._inertial.screen(message)[0] is None:
+            return state, NOTHING
+        state = replace(state, forces=(*state.forces, self._inertial.correct(message)))
+        return self._judged(replace(state, is_due=False), uwb, t_ns) if state.is_due else (state, NOTHING)
 
     def on_tick(self, state: LateRangesState, view: TickView) -> tuple[LateRangesState, MonitorReport]:
-        """One more point of the path, and once a second a verdict."""
+        """One more point of the path; once a second a verdict is due, which no tick waits for."""
         if state.findings or (uwb := self._uwb) is None:
             return state, NOTHING
         if view.belief is None or view.learning:
@@ -103,15 +114,18 @@ class LateRangesMonitor(Monitor[LateRangesState]):
         state = self._moved(state, view, view.belief, uwb)
         if view.t_ns - state.judged_ns < PERIOD_NS or view.thrusters_suspected:
             return state, NOTHING
-        state = replace(state, judged_ns=view.t_ns)
+        return replace(state, judged_ns=view.t_ns, is_due=True), NOTHING
+
+    def _judged(self, state: LateRangesState, uwb: Uwb, t_ns: int) -> tuple[LateRangesState, MonitorReport]:
+        """The verdict."""
         if not (delay_s := self._delay_s(state, uwb)):
             return state, NOTHING
         text = (
             f"UWB ranges come about {delay_s:g} s late: they tell where the boat was (latency_s of sensors.uwb in the"
             " vessel file, or a slow link to the tag?)"
         )
-        state = replace(state, findings=(Finding("sensor", "position", text, view.t_ns),))
-        return state, MonitorReport(alerts=(Alert(t_ns=view.t_ns, level="error", text=text),))
+        state = replace(state, findings=(Finding("sensor", "position", text, t_ns),))
+        return state, MonitorReport(alerts=(Alert(t_ns=t_ns, level="error", text=text),))
 
     def _moved(self, state: LateRangesState, view: TickView, belief: FilterState, uwb: Uwb) -> LateRangesState:
         """With the tick's motion, and the ranges that came before it."""
@@ -174,28 +188,30 @@ class RangeWindow:
         `path` and `shape`: p and g at the times `t_s`, complex; `sigmas` of w and b. Nats are divided by how badly even
         the best explains them: errors that nothing of this is the cause of.
         """
-        information = np.repeat([0.0, *(s**-2 for s in sigmas)], 2)
-        costs = []
-        for delay_s in DELAYS_S:
-            p, g = (np.interp(self._t_s - delay_s, t_s, values) for values in (path, shape))
-            costs.append(self._cost(p, g, information))
+        information = np.repeat([UNKNOWN, *(max(s**-2, UNKNOWN) for s in sigmas)], 2)
+        at = [self._t_s - delay_s for delay_s in DELAYS_S]
+        p, g = (np.array([np.interp(t, t_s, values) for t in at]) for values in (path, shape))
+        costs = self._costs(p, g, information)
         best = int(np.argmin(costs))
-        return DELAYS_S[best], (costs[0] - costs[best]) / max(1.0, 2 * costs[best] / len(self._t_s))
+        return DELAYS_S[best], float(costs[0] - costs[best]) / max(1.0, 2 * float(costs[best]) / len(self._t_s))
 
-    def _cost(self, path: np.ndarray, shape: np.ndarray, information: np.ndarray) -> float:
-        """Negative logarithm of the posterior at its maximum over c, w, b: iteratively reweighted least squares."""
-        since_s = self._t_s - self._t_s[-1]
-        parts = [np.conj(self._u) * g * turn for g in (1.0, since_s, shape) for turn in (1.0, 1.0j)]
-        A = np.real(np.column_stack(parts)) / self._sigma_m
-        b = (self._along_m - np.real(np.conj(self._u) * path)) / self._sigma_m
-        weight, theta, e = np.ones(len(b)), np.zeros(6), b
+    def _costs(self, path: np.ndarray, shape: np.ndarray, information: np.ndarray) -> np.ndarray:
+        """Negative logarithm of the posterior at its maximum over c, w, b: iteratively reweighted least squares.
+
+        For each delay: p and g at the ranges, shapes (d, n); costs (d,).
+        """
+        toward, since_s = np.conj(self._u), self._t_s - self._t_s[-1]
+        parts = [toward * g * turn for g in (np.ones_like(shape), since_s + 0.0 * shape, shape) for turn in (1.0, 1.0j)]
+        A = np.real(np.stack(parts, axis=-1)) / self._sigma_m
+        b = (self._along_m - np.real(toward * path)) / self._sigma_m
+        A_T, weight, theta, e = A.transpose(0, 2, 1), np.ones_like(b), np.zeros((len(b), 6)), b
         for _ in range(REWEIGHTED):
-            normal = (A.T * weight) @ A + np.diag(information)
-            theta = np.linalg.lstsq(normal, (A.T * weight) @ b, rcond=None)[0]
-            e = np.abs(b - A @ theta)
+            weighted = A_T * weight[:, None, :]
+            theta = np.linalg.solve(weighted @ A + np.diag(information), (weighted @ b[..., None]))[..., 0]
+            e = np.abs(b - (A @ theta[..., None])[..., 0])
             weight = HUBER / np.maximum(e, HUBER)
-        data = np.where(e < HUBER, e**2 / 2, HUBER * e - HUBER**2 / 2).sum()
-        return float(data + (information * theta**2).sum() / 2)
+        data = np.where(e < HUBER, e**2 / 2, HUBER * e - HUBER**2 / 2).sum(axis=1)
+        return data + (information * theta**2).sum(axis=1) / 2
 
 
 def _since(t_s: float, items: tuple) -> tuple:

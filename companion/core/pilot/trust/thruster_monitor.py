@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,13 +40,23 @@ BEARABLE_SHARE = 0.3
 """A thruster that is stuck at more than this share of its limit cannot be held against without great effort."""
 
 
+class TickResidual(NamedTuple):
+    """What a tick leaves to the bank: w, f, a, and the time that they are of (`ThrusterBank.step`)."""
+
+    w: np.ndarray
+    f_n: np.ndarray
+    a_m_s2: np.ndarray
+    dt_s: float
+    view: TickView
+
+
 @dataclass(frozen=True, eq=False)
 class ThrusterState:
     """`bank`; what has come since the last tick: `force`, `count` of samples, `rates` (instant, r) of the attitudes;
     `before`: the filter at the last tick, and its yaw rate; `health`: what is known; `probing`: forces that cancel
     each other are commanded, to tell one thruster from another; `quiet_until_ns`: commands of before the latest
     change are still under way; `suspected`: hypotheses that explain it alike, in words, since they were told of;
-    `accel_off`: the accelerometer is left out until the next start.
+    `accel_off`: the accelerometer is left out until the next start; `pending`: of the last tick, not yet in the bank.
     """
 
     bank: BankState
@@ -61,6 +72,7 @@ class ThrusterState:
     quiet_until_ns: int = 0
     suspected: str = ""
     accel_off: bool = False
+    pending: TickResidual | None = None
 
 
 class ThrusterMonitor(Monitor[ThrusterState]):
@@ -98,12 +110,17 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             return replace(state, rate=(sensed.t_ns, sensed.r_rad_s)), NOTHING
         x, y, z = state.force
         force = (x + sensed.ax_m_s2, y + sensed.ay_m_s2, z + sensed.az_m_s2)
-        return replace(state, force=force, count=state.count + 1), MonitorReport(withhold=state.accel_off)
+        state, alerts = replace(state, force=force, count=state.count + 1), ()
+        if (pending := state.pending) is not None:
+            bank = self._bank.step(state.bank, pending.w, pending.f_n, pending.a_m_s2, pending.dt_s)
+            state, found = self._judge(replace(state, bank=bank, pending=None), pending.view)
+            alerts = found.alerts
+        return state, MonitorReport(alerts=alerts, withhold=state.accel_off)
 
     def on_tick(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
-        """One residual through the bank, and the verdict."""
+        """One residual; it goes through the bank with the next sample, so that no tick waits for that."""
         before, now = state.before, view.belief
-        after = replace(state, force=(0.0, 0.0, 0.0), count=0, rate_before=state.rate, before=now)
+        after = replace(state, force=(0.0, 0.0, 0.0), count=0, rate_before=state.rate, before=now, pending=None)
         report = _report(state)
         if self._steered or not view.driving or view.learning or view.t_ns < state.quiet_until_ns:
             return replace(after, bank=self._bank.initial()), report
@@ -118,8 +135,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         w, a = self._balance.residual(before, now, np.array(state.force) / state.count, r_dot)
         if not np.isfinite(w).all():
             return after, report
-        bank = self._bank.step(state.bank, w, (before.f_n + now.f_n) / 2, a, dt_s)
-        return self._judge(replace(after, bank=bank), view)
+        return replace(after, pending=TickResidual(w, (before.f_n + now.f_n) / 2, a, dt_s, view)), report
 
     def _judge(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
         nats, kinds = state.bank.nats, self._bank.hypotheses

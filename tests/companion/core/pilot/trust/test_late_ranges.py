@@ -95,3 +95,12 @@ def test_a_new_start_forgets_it_and_a_stop_does_not():
     for command, kept in (("stop", True), ("start", False)):
         after, _ = monitor.on_message(state, OperatorCommand(t_ns=0, command=command), 0)
         assert bool(after.findings) == kept
+
+
+def test_numbers_that_are_none_are_not_kept():
+    monitor, state = LateRangesMonitor(boat("aritra").sensors, setup(None).pilot.site), LateRangesState()
+    rates = {"p_rad_s": 0.0, "q_rad_s": 0.0, "r_rad_s": 0.0, "source": "RAW_IMU"}
+    sample = ImuSample(t_ns=0, t_rx_ns=0, ax_m_s2=math.inf, ay_m_s2=0.0, az_m_s2=0.0, **rates)
+    ranges = UwbRanges(t_ns=0, t_rx_ns=0, tag="t", ranges=(AnchorRange(anchor="a0", range_m=math.nan),))
+    for message in (sample, ranges):
+        assert monitor.on_message(state, message, 0)[0] is state

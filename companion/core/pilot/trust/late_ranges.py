@@ -200,8 +200,8 @@ class RangeWindow:
 
         For each delay: p and g at the ranges, shapes (d, n); costs (d,).
         """
-        toward, since_s = np.conj(self._u), self._t_s - self._t_s[-1]
-        parts = [toward * g * turn for g in (np.ones_like(shape), since_s + 0.0 * shape, shape) for turn in (1.0, 1.0j)]
+        toward, since_s = np.conj(self._u), np.broadcast_to(self._t_s - self._t_s[-1], shape.shape)
+        parts = [toward * g * turn for g in (np.ones_like(shape), since_s, shape) for turn in (1.0, 1.0j)]
         A = np.real(np.stack(parts, axis=-1)) / self._sigma_m
         b = (self._along_m - np.real(toward * path)) / self._sigma_m
         A_T, weight, theta, e = A.transpose(0, 2, 1), np.ones_like(b), np.zeros((len(b), 6)), b

@@ -101,7 +101,8 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         if isinstance(message, OperatorCommand):
             if message.command == "stop" or not (state.hopeless or state.accel_off or state.suspected):
                 return state, NOTHING
-            return replace(state, hopeless="", accel_off=False, suspected="", bank=self._bank.initial()), NOTHING
+            fresh = {"hopeless": "", "accel_off": False, "suspected": "", "pending": None}
+            return replace(state, bank=self._bank.initial(), **fresh), NOTHING
         sensor = self._sensors[type(message)]
         if sensor.screen(message)[0] is None:
             return state, NOTHING

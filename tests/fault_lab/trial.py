@@ -100,7 +100,7 @@ def judge(run: SteppedRun, seed: int, faults: tuple[str, ...]) -> Verdict:
     wrong = np.array([math.hypot(e.north_m - t.north_m, e.east_m - t.east_m) for e, t in pairs])
     started = np.array([e.health != "initialising" for e, _ in pairs])
     healthy = np.array([e.health == "healthy" for e, _ in pairs])
-    most = np.array([max(t.force_max_N, -t.force_min_N) for t in told.vessel.thrusters])
+    most = np.array([t.most_N for t in told.vessel.thrusters])
     commands = np.array([lease.f_command_n for lease in run.of(OverrideLease)])[: len(pairs)]
     forces = np.array([t.f_n for _, t in pairs])
     outside = np.array([told.fence.clearance(*place) < 0 for place in truth])

@@ -176,6 +176,11 @@ class Thruster(SourcedTable, frozen=True, kw_only=True):
     rudder: Rudder | None = None
 
     @property
+    def most_N(self) -> float:
+        """Largest force that it is asked for, either way."""
+        return max(self.force_max_N, -self.force_min_N)
+
+    @property
     def servos(self) -> tuple[Servo, ...]:
         """Its servo, if it has one."""
         return tuple(servo for servo in (self.steering, self.rudder) if servo is not None)

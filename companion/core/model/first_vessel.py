@@ -128,19 +128,36 @@ def _damping(inertia: Inertia, length: float, draft: float, hulls: int, beam: fl
         inertia.mass_kg - inertia.Y_vdot_kg,
         inertia.I_z_kg_m2 - inertia.N_rdot_kg_m2,
     )
-    linear = [_round(m / (time * sqrt(length / G_M_S2))) for m, time in zip(M, TIME_FROUDE, strict=True)]
+    linear = [_round(m / time_s) for m, time_s in zip(M, time_constants_s(length), strict=True)]
     wetted = hulls * length * (2 * draft + 0.8 * beam)
-    across = 0.5 * RHO_KG_M3 * draft * HULLS_SEEN[hulls]
+    sway, yaw = cross_flow(length, draft * HULLS_SEEN[hulls])
     return Damping(
         X_u_N_s_m=-linear[0],
         Y_v_N_s_m=-linear[1],
         N_r_N_m_s=-linear[2],
-        X_uu_N_s2_m2=-_round(0.5 * RHO_KG_M3 * wetted * SURGE_C),
-        Y_vv_N_s2_m2=-_round(across * length),
-        N_rr_N_m_s2=-_round(across * length**4 / 32),
+        X_uu_N_s2_m2=-_round(surge_drag(wetted)),
+        Y_vv_N_s2_m2=-_round(sway),
+        N_rr_N_m_s2=-_round(yaw),
         source="quadratic in sway and yaw: cross-flow drag, C_D = 1 (Fossen 2021); linear: time constants of "
         f"{TIME_FROUDE} sqrt(L / g), surge: {SURGE_C} of the wetted area, no coupling: assumed",
     )
+
+
+def time_constants_s(length_m: float) -> tuple[float, float, float]:
+    """T_u, T_v, T_r of a hull of this length."""
+    surge, sway, yaw = (time * sqrt(length_m / G_M_S2) for time in TIME_FROUDE)
+    return surge, sway, yaw
+
+
+def surge_drag(wetted_m2: float) -> float:
+    """-X_uu of a wetted area."""
+    return 0.5 * RHO_KG_M3 * wetted_m2 * SURGE_C
+
+
+def cross_flow(length_m: float, draft_m: float) -> tuple[float, float]:
+    """-Y_vv and -N_rr of a hull; `draft_m`: as deep as cross-flow meets it."""
+    across = 0.5 * RHO_KG_M3 * draft_m
+    return across * length_m, across * length_m**4 / 32
 
 
 def _propulsion(force_N: float | None) -> Propulsion:

@@ -22,6 +22,13 @@ HISTORY_S = 2.0
 """Commands kept from before a part: dead time and lag of small thrusters have passed by then. As in validation."""
 PAUSE_S, PERIODS = 2.0, 3.5  # a gap of all columns longer than this, and than so many usual steps, is a pause; assumed
 Interval = tuple[float, float]
+
+
+def length_s(intervals: Sequence[Interval]) -> float:
+    """Of all together [s]."""
+    return sum(high - low for low, high in intervals)
+
+
 """Begin and end [s] on the run's clock."""
 
 

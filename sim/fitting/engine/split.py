@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run, RunError
-from companion.logs.runs.splits import HeldOut, Interval, alternate, parts, tail
+from companion.logs.runs.splits import HeldOut, Interval, alternate, length_s, parts, tail
 
 SHARE = 0.25
 LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
@@ -53,15 +53,21 @@ class Split:
     used: tuple[LogUse, ...]
     rule: str
 
+    @property
+    def fitted_length_s(self) -> float:
+        """Of what is fitted [s]."""
+        return sum(length_s(use.fitted_s) for use in self.used)
+
+    @property
+    def held_out_length_s(self) -> float:
+        """Of what is held out [s]."""
+        return sum(length_s(use.held_out_s) for use in self.used)
+
     def about(self, vessel: VesselFile) -> tuple[tuple[str, str], ...]:
         """What a report is about, name and value: the boat, the logs, how much of them is fitted and held out."""
         size = f"{vessel.hull.length_m:g} m, {vessel.inertia.mass_kg:g} kg, {len(vessel.thrusters)} thrusters"
         logs = ", ".join(f"{use.log.name} ({use.log.run.duration_s:.0f} s)" for use in self.used)
-        fitted, held_out = (
-            sum(high - low for use in self.used for low, high in spans(use))
-            for spans in (lambda use: use.fitted_s, lambda use: use.held_out_s)
-        )
-        shares = f"{fitted:.0f} s fitted, {held_out:.0f} s held out"
+        shares = f"{self.fitted_length_s:.0f} s fitted, {self.held_out_length_s:.0f} s held out"
         return ("Boat", f"{vessel.name}: {size}"), ("Logs", logs), ("Of them", shares)
 
 

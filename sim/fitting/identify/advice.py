@@ -65,15 +65,20 @@ ANYTHING = "slow and fast runs, straight and turning, in which these act most"
 
 def advice(names: Sequence[str], vessel: VesselFile) -> list[tuple[tuple[str, ...], str]]:
     """Undetermined parameters of the structured fit, by the manoeuvre that carries information on them."""
-    groups = [(tuple(n for n in names if n.startswith(m.heads)), feasible(m, vessel)) for m in MANOEUVRES]
+    free = free_axes(vessel)
+    groups = [(tuple(n for n in names if n.startswith(m.heads)), feasible(m, free)) for m in MANOEUVRES]
     listed = {n for mine, _ in groups for n in mine}
     groups.append((tuple(n for n in names if n not in listed), ANYTHING))
     return [(mine, text) for mine, text in groups if mine]
 
 
-def feasible(manoeuvre: Manoeuvre, vessel: VesselFile) -> str:
-    """What this boat can do for it: without surge it moves sideways, or turns, only by actuators that do so at rest."""
+def free_axes(vessel: VesselFile) -> frozenset[int]:
+    """Rows of B in which the boat, at rest, can push without having to push in another."""
     at_rest = ActuatorSet.of(vessel).at_rest
     able = np.linalg.matrix_rank(at_rest)
-    can = all(np.linalg.matrix_rank(np.delete(at_rest, row, axis=0)) < able for row in manoeuvre.needs)
-    return manoeuvre.text if can else manoeuvre.otherwise
+    return frozenset(row for row in range(3) if np.linalg.matrix_rank(np.delete(at_rest, row, axis=0)) < able)
+
+
+def feasible(manoeuvre: Manoeuvre, free: frozenset[int]) -> str:
+    """What a boat that is free in these rows can do for it."""
+    return manoeuvre.text if free.issuperset(manoeuvre.needs) else manoeuvre.otherwise

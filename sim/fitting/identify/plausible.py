@@ -4,8 +4,8 @@
     X_u, Y_v, N_r:  M / T,  T = (35, 12, 11) sqrt(L / g)                          to a factor of 4 either way
     X_uu = rho/2 C S,  Y_vv = rho/2 C_D T L,  N_rr = rho/2 C_D T L^4 / 32          to a factor of 5 either way
 
-m: mass of the file, L: length, T: draft, S = 2 T L + m / (rho T) about the wetted area, C = 0.02, C_D = 1 (the same as
-in `companion.core.model.first_vessel`). Added mass in surge is 5 to 20 % of a slender hull's mass, in sway 0.5 to 2
+m: mass of the file, L: length, T: draft, S = 2 T L + m / (rho T) about the wetted area; times and drag are those of
+`companion.core.model.first_vessel`. Added mass in surge is 5 to 20 % of a slender hull's mass, in sway 0.5 to 2
 times (Fossen 2021, chapter 6); the bounds leave room for hulls that are not slender and masses that were guessed. The
 factors are assumed.
 
@@ -18,8 +18,7 @@ from collections.abc import Iterator, Mapping
 from math import sqrt
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.constants import GRAVITY_M_S2
-from companion.core.model.first_vessel import RHO_KG_M3, SURGE_C, TIME_FROUDE
+from companion.core.model.first_vessel import RHO_KG_M3, cross_flow, surge_drag, time_constants_s
 from sim.fitting.identify.result import FitResult
 
 SURGE, SWAY = (0.9, 2.0), (0.9, 5.0)
@@ -34,6 +33,8 @@ POWERS: Mapping[str, tuple[int, int]] = {
     "X_uu_N_s2_m2": (2, 0), "Y_vv_N_s2_m2": (2, 0), "N_rr_N_m_s2": (5, 0),
 }  # fmt: skip
 """Powers of L and U by which a parameter is divided."""
+LINEAR = ("X_u_N_s_m", "Y_v_N_s_m", "N_r_N_m_s")
+QUADRATIC = ("X_uu_N_s2_m2", "Y_vv_N_s2_m2", "N_rr_N_m_s2")
 JUDGED = ("M11_kg", "M22_kg", "M33_kg_m2")
 """Of these a value outside is said beside the verdict; damping follows the water and the hull's form too much."""
 
@@ -46,16 +47,12 @@ def bands(vessel: VesselFile) -> dict[str, Band]:
         "M22_kg": (SWAY[0] * m, SWAY[1] * m),
         "M33_kg_m2": (m * (GYRATION[0] * L) ** 2, m * (GYRATION[1] * L) ** 2),
     }
-    times_s = [froude * sqrt(L / GRAVITY_M_S2) for froude in TIME_FROUDE]
-    linear = [sqrt(low * high) / T_s for (low, high), T_s in zip(inertia.values(), times_s, strict=True)]
-    wetted_m2, half_rho = 2 * T * L + m / (RHO_KG_M3 * T), RHO_KG_M3 / 2
-    quadratic = (half_rho * SURGE_C * wetted_m2, half_rho * T * L, half_rho * T * L**4 / 32)
-    names = list(POWERS)
-    return inertia | {
-        name: (-factor * size, -size / factor)
-        for some, sizes, factor in ((names[4:7], linear, LINEAR_FACTOR), (names[9:], quadratic, QUADRATIC_FACTOR))
-        for name, size in zip(some, sizes, strict=True)
-    }
+    middles = [sqrt(low * high) for low, high in inertia.values()]
+    linear = [M / T_s for M, T_s in zip(middles, time_constants_s(L), strict=True)]
+    quadratic = (surge_drag(2 * T * L + m / (RHO_KG_M3 * T)), *cross_flow(L, T))
+    sizes = dict(zip(LINEAR + QUADRATIC, (*linear, *quadratic), strict=True))
+    factors = dict.fromkeys(LINEAR, LINEAR_FACTOR) | dict.fromkeys(QUADRATIC, QUADRATIC_FACTOR)
+    return inertia | {name: (-factors[name] * size, -size / factors[name]) for name, size in sizes.items()}
 
 
 def without_dimension(name: str, value: float, vessel: VesselFile) -> float | None:

@@ -34,7 +34,7 @@ def jets(vessel: VesselFile) -> list[Jet]:
     for w in vessel.propulsion.wash:
         behind, ahead = number[w.behind], number[w.ahead]
         one = vessel.thrusters[ahead]
-        full_N = w.at_N or max(one.force_max_N, -one.force_min_N)
+        full_N = w.at_N or one.most_N
         found.append(Jet(behind, ahead, jet_sign(one, vessel.thrusters[behind]), w.share / full_N))
     return found
 

@@ -110,7 +110,7 @@ class HeadingMonitor(Monitor[HeadingState]):
     def __init__(self, vessel: VesselFile, rotation_rad: float):
         """`rotation_rad`: of the site's axes, in which what the file knows of the compass counts."""
         self._sensor, self._rotation_rad = AttitudeSensor(vessel.sensors.imu), rotation_rad
-        self._most_n = np.array([max(t.force_max_N, -t.force_min_N) for t in vessel.thrusters])
+        self._most_n = np.array([t.most_N for t in vessel.thrusters])
 
     def on_message(
         self, state: HeadingState, message: Attitude | OperatorCommand, t_ns: int

@@ -101,8 +101,8 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         if isinstance(message, OperatorCommand):
             if message.command == "stop" or not (state.hopeless or state.accel_off or state.suspected):
                 return state, NOTHING
-            fresh = {"hopeless": "", "accel_off": False, "suspected": "", "pending": None}
-            return replace(state, bank=self._bank.initial(), **fresh), NOTHING
+            bank = self._bank.initial()
+            return replace(state, hopeless="", accel_off=False, suspected="", pending=None, bank=bank), NOTHING
         sensor = self._sensors[type(message)]
         if sensor.screen(message)[0] is None:
             return state, NOTHING
@@ -187,8 +187,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         elif h.kind == "stuck":
             what = self._names[h.i]
             stuck[h.i] = force = float(mean[-1])
-            t = self._vessel.thrusters[h.i]
-            share = abs(force) / max(t.force_max_N, -t.force_min_N)
+            share = abs(force) / self._vessel.thrusters[h.i].most_N
             text = f"thruster {what} is stuck at {force:.0f} N whatever it is told"
             hopeless = f"{text}; cut its power" if share > BEARABLE_SHARE else ""
         elif h.kind == "swap":

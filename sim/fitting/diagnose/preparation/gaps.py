@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.logs.runs.run import LogProblem, Run
-from companion.logs.runs.splits import HeldOut, Interval, part, parts, recording_intervals
+from companion.logs.runs.splits import HeldOut, Interval, length_s, part, parts, recording_intervals
 from sim.fitting.engine.split import JobError, LogUse, NamedLog, Split
 from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, inside_edges
 
@@ -71,7 +71,7 @@ def _without_pauses(used: LogUse) -> LogUse:
         return used
     fitted_s = _usable(run, used.fitted_s, spans, "fitted")
     held_out_s = _usable(run, used.held_out_s, spans, "held out")
-    left_s = _length_s(spans) - _length_s(fitted_s) - _length_s(held_out_s)
+    left_s = length_s(spans) - length_s(fitted_s) - length_s(held_out_s)
     if left_s > 1.0:
         text = f"{left_s:.0f} s in pieces that are too short, or hold too little, are not used: {NEEDED}"
         run = run.with_notes([LogProblem(kind="left out", text=text)])
@@ -88,7 +88,3 @@ def _usable(run: Run, intervals: Sequence[Interval], spans: Sequence[Interval], 
         pauses = f"the recording pauses {len(spans) - 1} times, first at {spans[0][1]:g} s; " if len(spans) > 1 else ""
         raise JobError(f"{run.meta.source}: {pauses}nothing of it can be {what}: {NEEDED}")
     return left
-
-
-def _length_s(intervals: Sequence[Interval]) -> float:
-    return sum(high - low for low, high in intervals)

@@ -8,7 +8,7 @@ from math import floor
 
 import numpy as np
 
-from companion.logs.runs.splits import Interval
+from companion.logs.runs.splits import Interval, length_s
 from sim.fitting.diagnose.preparation.gaps import NEEDED, intervals_as_runs, usable_intervals
 from sim.fitting.engine.split import JobError, Split
 
@@ -21,13 +21,13 @@ def subsample(original: Split) -> Split:
 
     JobError where no piece can be used.
     """
-    total_s = sum(high - low for used in original.used for low, high in used.fitted_s)
+    total_s = original.fitted_length_s
     if total_s <= LONGEST_S:
         return original
     usable_pieces = [
         usable_intervals(used.log.run, [p for one in used.fitted_s for p in _pieces(one)]) for used in original.used
     ]
-    usable_s = sum(high - low for parts in usable_pieces for low, high in parts)
+    usable_s = sum(map(length_s, usable_pieces))
     share, seen, kept = min(LONGEST_S / max(usable_s, PIECE_S), 1.0), 0, []
     for used, parts in zip(original.used, usable_pieces, strict=True):
         taken: list[Interval] = []

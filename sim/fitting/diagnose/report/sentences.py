@@ -75,8 +75,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
 
 def _logs(diagnosis: Diagnosis) -> str:
     used = [u for u in diagnosis.split.used if u.fitted_s]
-    seconds = sum(high - low for u in used for low, high in u.fitted_s)
-    return f"{len(used)} log{'s' if len(used) > 1 else ''}, {seconds / 60:.1f} minutes"
+    return f"{len(used)} log{'s' if len(used) > 1 else ''}, {diagnosis.split.fitted_length_s / 60:.1f} minutes"
 
 
 def dependency_text(word: str) -> str:

@@ -127,7 +127,7 @@ def _taylor(identification: Identification) -> list[Section]:
 
 
 def _held_out(identification: Identification) -> Section:
-    seconds = sum(high - low for used in identification.split.used for low, high in used.held_out_s)
+    seconds = identification.split.held_out_length_s
     few = (
         f"Runs begin every 5 s and overlap: {seconds:.0f} s hold {seconds / JUDGED_S[-1]:.0f} of {JUDGED_S[-1]} s that "
         "share nothing. So much the figures below can be trusted."

@@ -15,8 +15,8 @@ import numpy as np
 from companion.core.messages import Alert, GroundTruth, GuidanceReference, ModeStatus, OverrideLease, StateEstimate
 from companion.core.pilot.trust.accelerometer_check import AccelerometerState
 from companion.core.pilot.trust.heading_check import HeadingState
-from companion.core.pilot.trust.late_ranges import LateRangesState
 from companion.core.pilot.trust.motion_check import MotionState
+from companion.core.pilot.trust.path_check import PathState
 from companion.core.pilot.trust.thruster_monitor import ThrusterState
 from sim.world.environment import Weather
 from sim.world.score import track_of, tracking
@@ -126,7 +126,7 @@ def judge(run: SteppedRun, seed: int, faults: tuple[str, ...]) -> Verdict:
 
 def _named(run: SteppedRun) -> tuple[tuple[float, str, str], ...]:
     """What the boat named, in the order in which it did; ranges that repeat are told by an alert alone."""
-    monitors = AccelerometerState, HeadingState, MotionState, LateRangesState, ThrusterState
+    monitors = AccelerometerState, HeadingState, MotionState, PathState, ThrusterState
     found = [(f.t_ns * 1e-9, f.cause, f.what) for kind in monitors for f in run.state.monitor(kind).findings]
     found += [
         (a.t_ns * 1e-9, "sensor", "position" if "UWB" in a.text else "imu")

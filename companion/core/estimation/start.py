@@ -1,13 +1,15 @@
 """Initialisation of the filter: heading from the autopilot; position from the boat's sensor of positions, of ranges by
 multilateration.
 
-Two consecutive fixes must agree, so that one outlier starts nothing. Where anchors on a line leave two positions, the
-one within the fence is taken; where that does not decide, the filter waits and gives the reason.
+Ranges of several cycles must agree on one place, the boat drifting, so that reflections start nothing; two fixes in a
+row of a sensor of positions. Where anchors on a line leave two places, the one within the fence is taken; where that
+does not decide, the filter waits and gives the reason.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import msgspec
 import numpy as np
@@ -27,7 +29,7 @@ from companion.core.estimation.filter_state import (
 )
 from companion.core.estimation.gates import Gate
 from companion.core.estimation.ranging.multilateration import multilaterate
-from companion.core.estimation.ranging.ranges import PLACE_SIGMA_M, AnchorHistory, recent_anchors
+from companion.core.estimation.ranging.ranges import FIX_SIGMA_M, PLACE_SIGMA_M, AnchorHistory
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import origin_position, to_level
 from companion.core.messages import Attitude, Measured, UwbRanges
@@ -36,13 +38,19 @@ from companion.core.sensors.table import SensorTable
 
 MIRROR_COST = 6.0
 """A second position that costs so much more than the best is discarded; assumed (log of weights)."""
+READINGS, READINGS_NS = 5, 6_000_000_000
+"""So many ranges of an anchor, none older, are compared; assumed."""
+ENOUGH, SHARE = 8, 0.75
+"""Of so many ranges, of three anchors, so large a share must agree on a place: two cycles of four anchors. Assumed."""
 
 
 @dataclass(frozen=True, slots=True)
 class FilterStart:
-    """What is known before the filter runs. `fix`: (t_ns, north, east) of the body origin."""
+    """What is known before the filter runs. `readings`: the last ranges of each anchor, the newest first; `fix`:
+    (t_ns, north, east) of the body origin by a sensor of positions.
+    """
 
-    latest: tuple[AnchorHistory | None, ...]
+    readings: tuple[tuple[AnchorHistory, ...], ...]
     heading: Attitude | None = None
     fix: tuple[int, float, float] | None = None
     reason: str = ""
@@ -60,7 +68,7 @@ class Starter:
 
     def initial(self) -> FilterStart:
         """Nothing known."""
-        return FilterStart((None,) * len(self._number), reason=f"waiting for heading and {self._label}")
+        return FilterStart(((),) * len(self._number), reason=f"waiting for heading and {self._label}")
 
     def take(
         self, start: FilterStart, t_ns: int, m: Measured, f_n: np.ndarray
@@ -69,37 +77,50 @@ class Starter:
         if isinstance(m, Attitude):
             return replace(start, heading=m), None
         if isinstance(m, UwbRanges):
-            latest = list(start.latest)
-            for r in m.ranges:
-                if r.anchor in self._number:
-                    latest[self._number[r.anchor]] = AnchorHistory(t_ns, r.range_m)
-            start = replace(start, latest=tuple(latest))
-            return self._judge(start, t_ns, self._place(start, t_ns), f_n)
+            readings = list(start.readings)
+            for i, range_m in ((self._number[r.anchor], r.range_m) for r in m.ranges if r.anchor in self._number):
+                readings[i] = (AnchorHistory(t_ns, range_m), *readings[i])[:READINGS]
+            start = replace(start, readings=tuple(readings))
+            place = self._place(start, t_ns)
+            if isinstance(place, str):
+                return replace(start, reason=place), None
+            return self._begin(start, t_ns, place, FIX_SIGMA_M, f_n)
         place = sensor.place(m) if (sensor := self._table.of(m)) else None
-        if place and not any(start.latest):
-            return self._judge(start, t_ns, place, f_n)
+        if place and not any(start.readings):
+            return self._begin(start, t_ns, place, PLACE_SIGMA_M, f_n)
         return start, None
 
     def _place(self, start: FilterStart, t_ns: int) -> tuple[float, float] | str:
         """The tag's place [m], or why there is none."""
-        use = recent_anchors(start.latest, t_ns, self._tuning.fix_window_s)
-        if len(use) < 3:
-            return f"{len(use)} of the 3 anchors that a start needs are in range"
-        ranges = np.array([seen.range_m for i in use if (seen := start.latest[i])])
-        fixes = multilaterate(self._anchors_m[use], ranges, self._sensors.tag.z_m, self._tuning.fix_spread_m)
-        good = [f for f in fixes if f.inliers.sum() >= 3 and f.cost <= fixes[0].cost + MIRROR_COST]
+        recent = [
+            (i, (t_ns - seen.t_ns) * 1e-9, seen.range_m)
+            for each in zip_longest(*start.readings)
+            for i, seen in enumerate(each)
+            if seen and t_ns - seen.t_ns <= READINGS_NS
+        ]
+        if (anchors := len({i for i, _, _ in recent})) < 3:
+            return f"{anchors} of the 3 anchors that a start needs are in range"
+        if len(recent) < ENOUGH:
+            return f"{len(recent)} of the {ENOUGH} ranges that a start needs have come"
+        use, age_s, ranges_m = (np.array(column) for column in zip(*recent, strict=True))
+        fixes = multilaterate(
+            self._anchors_m[use], ranges_m, self._sensors.tag.z_m, self._tuning.fix_spread_m, age_s=age_s
+        )
+        good = [
+            f
+            for f in fixes
+            if f.inliers.mean() >= SHARE and len(set(use[f.inliers])) >= 3 and f.cost <= fixes[0].cost + MIRROR_COST
+        ]
         if len(good) > 1:
             good = [f for f in good if self._site.inside(f.north_m, f.east_m)]
         if len(good) != 1:
             return f"{len(good)} places explain the ranges"
         return correct_uwb_scale(self._sensors.tag, good[0].north_m, good[0].east_m)
 
-    def _judge(
-        self, start: FilterStart, t_ns: int, place: tuple[float, float] | str, f_n: np.ndarray
+    def _begin(
+        self, start: FilterStart, t_ns: int, place: tuple[float, float], sigma_m: float, f_n: np.ndarray
     ) -> tuple[FilterStart, FilterState | None]:
-        """Compare a fix with the one before."""
-        if isinstance(place, str):
-            return replace(start, reason=place), None
+        """The first belief at a place, if there is a heading; of a sensor of positions, if a fix before agrees."""
         heading = start.heading
         if heading is None:
             return replace(start, reason="no heading from the autopilot yet"), None
@@ -108,22 +129,25 @@ class Starter:
         u, tilt = self._sensors.position, Tilt(heading.phi_rad, heading.theta_rad)
         arm = to_level(*tilt, u.x_m, u.y_m, u.z_m)
         north, east = origin_position(place, heading.psi_rad, (arm[0], arm[1]))
+        belief = self._belief(t_ns, (north, east), sigma_m, heading, tilt, f_n)
+        if any(start.readings):
+            return start, belief
         before, start = start.fix, replace(start, fix=(t_ns, north, east), reason="waiting for a second fix")
         if before is None or t_ns <= before[0]:
             return start, None
         if np.hypot(north - before[1], east - before[2]) > self._tuning.start_agreement_m:
             return replace(start, reason=f"two fixes of {self._label} in a row disagree"), None
-        return start, self._belief(t_ns, (north, east), heading, tilt, f_n)
+        return start, belief
 
     def _belief(
-        self, t_ns: int, origin_m: tuple[float, float], heading: Attitude, tilt: Tilt, f_n: np.ndarray
+        self, t_ns: int, origin_m: tuple[float, float], sigma_m: float, heading: Attitude, tilt: Tilt, f_n: np.ndarray
     ) -> FilterState:
         """First belief: at the fix, at rest; heading and its wander correlated as one reading leaves them."""
         imu, tuning, m = self._sensors.imu, self._tuning, len(self._number)
         errors = np.array([error.sigma for error in self._errors])
         x, sigma = np.zeros(B_RANGE + len(errors)), np.zeros(B_RANGE + len(errors))
         x[:2], x[2], x[5], x[TILT] = origin_m, heading.psi_rad, heading.r_rad_s, tilt
-        sigma[:2] = max(PLACE_SIGMA_M, 2 * errors.max(initial=0.0))
+        sigma[:2] = max(sigma_m, 2 * errors.max(initial=0.0))
         sigma[2] = np.hypot(imu.heading_sigma_rad, imu.heading_wander_sigma_rad)
         sigma[3:5], sigma[5] = tuning.start_velocity_sigma_m_s, tuning.start_rate_sigma_rad_s
         sigma[LATENT] = tuning.latent_sigma

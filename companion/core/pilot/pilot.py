@@ -29,9 +29,9 @@ from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.thrust_command import ThrustCommander
 from companion.core.pilot.trust.accelerometer_check import AccelerometerState
 from companion.core.pilot.trust.heading_check import HeadingState
-from companion.core.pilot.trust.late_ranges import LateRangesState
 from companion.core.pilot.trust.model_motion import ModelMotion
 from companion.core.pilot.trust.motion_check import MotionState
+from companion.core.pilot.trust.path_check import PathState
 from companion.core.pilot.trust.thruster_monitor import ThrusterState
 from companion.core.pilot.trust.verdict import Finding, vet
 from companion.core.sensors.table import SensorTable
@@ -165,5 +165,5 @@ def _leg(state: PilotState, estimate: StateEstimate) -> LegAhead | None:
 
 def _findings(state: PilotState) -> tuple[Finding, ...]:
     """What speaks against the estimate."""
-    monitors = AccelerometerState, HeadingState, MotionState, LateRangesState
+    monitors = AccelerometerState, HeadingState, MotionState, PathState
     return tuple(finding for kind in monitors for finding in state.monitor(kind).findings)

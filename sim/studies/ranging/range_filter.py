@@ -29,8 +29,8 @@ from companion.core.estimation.ranging.ranges import (
     RangeLayout,
     RangeMeasurement,
     RangeModel,
+    explained_places,
     line_of_sight,
-    nearest_fix,
     recent_anchors,
 )
 from companion.core.estimation.tuning import RANGE_GATE
@@ -169,10 +169,11 @@ class RangeFilter:
 
     def _find(self, latest: tuple[AnchorHistory | None, ...], t_ns: int, x: np.ndarray) -> tuple[float, float] | None:
         """The place nearest to x that the latest ranges explain."""
-        return nearest_fix(
+        places = explained_places(
             self.anchors_m, latest, x[BIAS:], t_ns, window_s=self.tuning.window_s, down_m=self.down_m,
-            spread_m=self.tuning.fix_spread_m, near_m=(x[0], x[1]),
+            spread_m=self.tuning.fix_spread_m,
         )  # fmt: skip
+        return min(places, key=lambda place: math.dist(place, x[:2]), default=None)
 
     def _predict(self, x: np.ndarray, P: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Constant velocity with white acceleration; biases decay towards zero."""

@@ -24,7 +24,10 @@ DISPLACED_M, DISPLACED_SIGMAS = 2.0, 3.29
 """A place farther away than this, and than so many sigma of the position, contradicts it. Gusts and waves that a model
 does not know were seen to take a filter 1 m away. Assumed."""
 PLACE_SIGMA_M = 2.0
-"""Sigma of a multilateration fix before its ranges are fused; wide, so that the ranges decide."""
+"""Sigma of a sensor's position before it is fused; wide, so that the next ones decide. Assumed."""
+FIX_SIGMA_M = 0.3
+"""Sigma of a multilateration fix: three of a range, with what a drifting boat adds; assumed. A wider one lets two
+ranges, of anchors on opposite sides, take the boat along the line that they do not see."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,18 +149,17 @@ class RangeFusion:
         return OtherAnchors(tuple(agreed) if len(agreed) >= 2 else (), sum(of_late) >= 2)
 
 
-def nearest_fix(
+def explained_places(
     anchors_m: np.ndarray, latest: Sequence[AnchorHistory | None], biases_m: np.ndarray, t_ns: int, *,
-    window_s: float, down_m: float, spread_m: float, near_m: tuple[float, float],
-) -> tuple[float, float] | None:  # fmt: skip
-    """Place of the tag [m] closest to `near_m` among those that three or more recent ranges explain."""
+    window_s: float, down_m: float, spread_m: float, at_least: int = 3,
+) -> list[tuple[float, float]]:  # fmt: skip
+    """Places of the tag [m] that so many of the recent ranges explain."""
     use = recent_anchors(latest, t_ns, window_s)
     if len(use) < 3:
-        return None
+        return []
     ranges = np.array([seen.range_m for i in use if (seen := latest[i])]) - biases_m[use]
-    good = [f for f in multilaterate(anchors_m[use], ranges, down_m, spread_m) if f.inliers.sum() >= 3]
-    places = [(f.north_m, f.east_m) for f in good]
-    return min(places, key=lambda p: math.dist(p, near_m), default=None)
+    fixes = multilaterate(anchors_m[use], ranges, down_m, spread_m)
+    return [(f.north_m, f.east_m) for f in fixes if f.inliers.sum() >= at_least]
 
 
 def recent_anchors(latest: Sequence[AnchorHistory | None], t_ns: int, window_s: float) -> list[int]:
@@ -169,10 +171,10 @@ def recent_anchors(latest: Sequence[AnchorHistory | None], t_ns: int, window_s: 
 def relocate(
     layout: RangeLayout, x: np.ndarray, P: np.ndarray, place_m: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """State put at `place_m` with a wide position, decorrelated from the rest; velocity variances inflated."""
+    """State put at `place_m`, decorrelated from the rest; velocity variances inflated."""
     P, x = decorrelate(P, layout.position), x.copy()
     for i, value in zip(layout.position, place_m, strict=True):
-        x[i], P[i, i] = value, PLACE_SIGMA_M**2
+        x[i], P[i, i] = value, FIX_SIGMA_M**2
     return x, inflate(P, layout.velocity, VELOCITY_SIGMA_M_S)
 
 

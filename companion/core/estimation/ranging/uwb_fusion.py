@@ -7,6 +7,7 @@ position  p + R(psi) l                        north and east judged one by one; 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -15,7 +16,7 @@ from msgspec.structs import replace
 from companion.core.configuration.sensors import Uwb
 from companion.core.configuration.site_file import Site
 from companion.core.estimation.filter_state import B_RANGE, LAYOUT, FilterState, Result, innovation_message
-from companion.core.estimation.gates import all_accepted_ns, judge
+from companion.core.estimation.gates import Gate, all_accepted_ns, judge
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.ranges import (
     PLACE_SIGMA_M,
@@ -26,15 +27,22 @@ from companion.core.estimation.ranging.ranges import (
     RangeModel,
     contradicts,
     decorrelate,
+    explained_places,
     inflate,
     line_of_sight,
-    nearest_fix,
+    recent_anchors,
+    relocate,
 )
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import rotate, to_level
-from companion.core.messages import UwbPosition, UwbRanges
+from companion.core.messages import AnchorRange, UwbPosition, UwbRanges
 from companion.core.model.sensor_errors import apply_uwb_scale, correct_uwb_scale
 from companion.core.sensors.uwb import HEALTH
+
+ASTRAY_NS = 900_000_000
+"""Two cycles at 1 Hz. That two of four ranges, twice in a row, are reflections that fit one place: rare. Assumed."""
+
+Model = Callable[[int, np.ndarray], RangeModel]
 
 
 class UwbFusion:
@@ -51,7 +59,10 @@ class UwbFusion:
         return to_level(*belief.tilt, self._uwb.x_m, self._uwb.y_m, self._uwb.z_m)
 
     def fuse_ranges(self, belief: FilterState, m: UwbRanges) -> Result:
-        """One cycle of the tag, range by range; anchors that the site file does not know are left out."""
+        """One cycle of the tag, range by range; anchors that the site file does not know are left out.
+
+        What fits best comes first: a reflection is judged after the ranges that contradict it.
+        """
         known = [(self.number[r.anchor], r) for r in m.ranges if r.anchor in self.number]
         latest = list(belief.latest)
         for i, r in known:
@@ -59,8 +70,9 @@ class UwbFusion:
         x, P, gates, innovations = belief.x, belief.P, list(belief.anchor_gates), []
         position_ns, displaced_ns = belief.position_ns, belief.displaced_ns
         arm = self.arm(belief)
-        for i, r in known:
-            model, find = partial(self.range_model, arm), partial(self._find, tuple(latest), belief.t_ns, arm)
+        model, find = partial(self.range_model, arm), partial(self._find, tuple(latest), belief.t_ns, arm)
+        while known:
+            i, r = known.pop(self._best(known, x, P, model))
             fused = self._ranges.fuse(x, P, gates, RangeMeasurement(i, r.range_m, model, find), belief.t_ns)
             if fused.verdict == "reopened" and contradicts(LAYOUT, x, P, fused.x):
                 displaced_ns = belief.t_ns
@@ -71,9 +83,49 @@ class UwbFusion:
             innovations.append(innovation_message(belief.t_ns, f"range {r.anchor}", nu, S, accepted))
         after = replace(
             belief, x=x, P=P, anchor_gates=tuple(gates), latest=tuple(latest), position_ns=position_ns,
-            ranges_ns=belief.t_ns if known else belief.ranges_ns, displaced_ns=displaced_ns,
+            ranges_ns=belief.t_ns if innovations else belief.ranges_ns, displaced_ns=displaced_ns,
         )  # fmt: skip
-        return after, tuple(innovations)
+        return self._agreed(after, arm), tuple(innovations)
+
+    def _agreed(self, belief: FilterState, arm: tuple[float, float, float]) -> FilterState:
+        """The filter state moved to the only place that the ranges at hand, all but one at most, agree on.
+
+        Not before they do so for `ASTRAY_NS`, only if two are rejected, and only to where those that are not fit, too:
+        the filter runs away, from whatever its model does not know, and each gate for itself would wait for rejections
+        that stay the same.
+        """
+        use = recent_anchors(belief.latest, belief.t_ns, self._tuning.fix_window_s)
+        rejecting = [i for i in use if belief.anchor_gates[i].rejections]
+        if len(use) < 3 or len(rejecting) < 2:
+            return replace(belief, astray_ns=None) if len(use) >= 3 else belief
+        moved = [
+            relocate(LAYOUT, belief.x, belief.P, place)
+            for place in self._places(belief.latest, belief.t_ns, arm, belief.x, max(3, len(use) - 1))
+        ]
+        accepted = [(i, seen.range_m) for i in use if i not in rejecting and (seen := belief.latest[i])]
+        spread_m = self._tuning.fix_spread_m
+        moved = [
+            (x, P) for x, P in moved if all(abs(z - self.range_model(arm, i, x).h) <= spread_m for i, z in accepted)
+        ]
+        if len(moved) != 1:
+            return belief
+        since_ns = belief.t_ns if belief.astray_ns is None else belief.astray_ns
+        if belief.t_ns - since_ns < ASTRAY_NS:
+            return replace(belief, astray_ns=since_ns)
+        ((x, P),) = moved
+        gates = tuple(Gate(belief.t_ns) if i in use else gate for i, gate in enumerate(belief.anchor_gates))
+        displaced_ns = belief.t_ns if contradicts(LAYOUT, belief.x, belief.P, x) else belief.displaced_ns
+        return replace(
+            belief, x=x, P=P, anchor_gates=gates, astray_ns=None, position_ns=belief.t_ns, displaced_ns=displaced_ns
+        )
+
+    def _best(self, known: Sequence[tuple[int, AnchorRange]], x: np.ndarray, P: np.ndarray, model: Model) -> int:
+        """Index of the range with the smallest d^2 = nu^2 / S."""
+        d2 = []
+        for i, r in known:
+            at = model(i, x)
+            d2.append((r.range_m - at.h) ** 2 / (float(at.row @ P @ at.row) + self._uwb.range_sigma_m**2))
+        return int(np.argmin(d2))
 
     def range_model(self, arm: tuple[float, float, float], anchor: int, x: np.ndarray) -> RangeModel:
         """Distance from the anchor to the tag plus bias, and the derivatives to x, y, psi, bias."""
@@ -89,15 +141,20 @@ class UwbFusion:
         self, latest: tuple[AnchorHistory | None, ...], t_ns: int, arm: tuple[float, float, float], x: np.ndarray
     ) -> tuple[float, float] | None:
         """Place of the body origin nearest to x that the ranges at hand explain."""
+        return min(self._places(latest, t_ns, arm, x, 3), key=lambda p: math.dist(p, x[:2]), default=None)
+
+    def _places(
+        self, latest: tuple[AnchorHistory | None, ...], t_ns: int, arm: tuple[float, float, float], x: np.ndarray,
+        at_least: int,
+    ) -> list[tuple[float, float]]:  # fmt: skip
+        """Places of the body origin that so many of the ranges at hand explain; heading and biases as in x."""
         dx, dy = rotate(x[2], arm[0], arm[1])
-        place = nearest_fix(
+        places = explained_places(
             self.anchors_m, latest, x[B_RANGE:], t_ns, window_s=self._tuning.fix_window_s, down_m=arm[2],
-            spread_m=self._tuning.fix_spread_m, near_m=apply_uwb_scale(self._uwb, x[0] + dx, x[1] + dy),
+            spread_m=self._tuning.fix_spread_m, at_least=at_least,
         )  # fmt: skip
-        if place is None:
-            return None
-        north, east = correct_uwb_scale(self._uwb, *place)
-        return north - dx, east - dy
+        tags = (correct_uwb_scale(self._uwb, *place) for place in places)
+        return [(north - dx, east - dy) for north, east in tags]
 
     def fuse_position(self, belief: FilterState, m: UwbPosition) -> Result:
         """The tag's own position, site ENU; left out while ranges arrive, from which the tag computed it."""

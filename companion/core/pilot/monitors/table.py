@@ -9,7 +9,7 @@ sticks                          `manual_control.StickMonitor`
 untrusted                       `trust.heading_check`, `trust.motion_check`   crippled   `trust.thruster_monitor`
 what the autopilot has against arming is kept by `arming_refusals`, readings that repeat themselves are left out by
 `stuck_sensor` and `trust.repeated_ranges`, those that had queued up by `stall`, those that come late are said by
-`trust.late_ranges`, a battery that is not told by `battery.BatteryWatch`: no conditions
+`trust.path_check`, a battery that is not told by `battery.BatteryWatch`: no conditions
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from companion.core.pilot.monitors.stuck_sensor import StuckSensorMonitor
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.trust.accelerometer_check import AccelerometerMonitor
 from companion.core.pilot.trust.heading_check import HeadingMonitor
-from companion.core.pilot.trust.late_ranges import LateRangesMonitor
 from companion.core.pilot.trust.motion_check import MotionMonitor
+from companion.core.pilot.trust.path_check import PathMonitor
 from companion.core.pilot.trust.progress_check import ProgressMonitor
 from companion.core.pilot.trust.repeated_ranges import RepeatedRangesMonitor
 from companion.core.pilot.trust.thruster_monitor import ThrusterMonitor
@@ -72,7 +72,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
             LinkLatencyMonitor(),
             StickMonitor(control.manual_timeout_s),
             MotionMonitor(vessel),
-            LateRangesMonitor(vessel.sensors, settings.site),
+            PathMonitor(vessel.sensors, settings.site),
             ThrusterMonitor(vessel),
             ProgressMonitor(),
         )

@@ -29,7 +29,7 @@ def test_what_was_suspected_stands_in_the_reason_of_the_stop(suspected):
 
 
 S = 1_000_000_000
-AT_REST = SimpleNamespace(since_ns=-10 * S, x=[0.0] * 6, lasting=(0.0, 0.0, 0.0))
+AT_REST = SimpleNamespace(since_ns=-10 * S, x=[0.0] * 6, lasting=(0.0, 0.0, 0.0), settled=True)
 
 
 def contradicted_after_s(rate_Hz, d2, cycles=200, one_by_one=False):

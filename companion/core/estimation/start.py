@@ -40,7 +40,7 @@ MIRROR_COST = 6.0
 """A second position that costs so much more than the best is discarded; assumed (log of weights)."""
 READINGS, READINGS_NS = 5, 6_000_000_000
 """So many ranges of an anchor, none older, are compared; assumed."""
-ENOUGH, SHARE = 8, 0.75
+ENOUGH, SHARE = 8, 0.6
 """Of so many ranges, of three anchors, so large a share must agree on a place: two cycles of four anchors. Assumed."""
 
 

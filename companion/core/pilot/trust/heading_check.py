@@ -149,11 +149,10 @@ class HeadingMonitor(Monitor[HeadingState]):
         state = replace(state, now=now, past=past)
         if state.jumped or state.findings:
             return state, self._report(state)
-        shares = [t.share for t in past]
-        by_thrust_rad = BY_THRUST_RAD * (max(shares) - min(shares))
-        limit_rad = FROZEN_LIMIT_RAD if state.readings.frozen else LIMIT_RAD + by_thrust_rad
+        limit_rad = FROZEN_LIMIT_RAD if state.readings.frozen else LIMIT_RAD
         worst = max((_contradiction(now, past, w, limit_rad) for w in WINDOWS_S), key=lambda c: c[0])
-        state = replace(state, contradicted=state.contradicted + 1 if worst[0] > 0 else 0)
+        is_beyond = worst[0] > 0 and (bool(state.readings.frozen) or worst[0] > _by_thrust_rad(past))
+        state = replace(state, contradicted=state.contradicted + 1 if is_beyond else 0)
         if state.readings.scatter_rad_s > SCATTER_RAD_S:
             what, text = "gyro", "the yaw rate jumps to and fro as no boat turns: the gyro is wrong"
         elif state.contradicted >= TICKS:
@@ -176,6 +175,12 @@ def _contradiction(now: Turn, past: tuple[Turn, ...], window_s: float, limit_rad
     then = _last(now, past, window_s)
     gyro = now.gyro_rad - then.gyro_rad
     return abs(now.psi_rad - then.psi_rad - gyro) - limit_rad - SHARE * abs(gyro), then
+
+
+def _by_thrust_rad(past: tuple[Turn, ...]) -> float:
+    """So much the thrusters' currents may have turned a compass of late."""
+    shares = [t.share for t in past]
+    return BY_THRUST_RAD * (max(shares) - min(shares))
 
 
 def _last(now: Turn, past: tuple[Turn, ...], window_s: float) -> Turn:

@@ -40,13 +40,15 @@ BEARABLE_SHARE = 0.3
 """A thruster that is stuck at more than this share of its limit cannot be held against without great effort."""
 
 
-class TickResidual(NamedTuple):
-    """What a tick leaves to the bank: w, f, a, and the time that they are of (`ThrusterBank.step`)."""
+class TickMotion(NamedTuple):
+    """What a tick leaves to the bank: the filter at the last tick and at this one, mean specific force between [m/s^2],
+    and the slope of the yaw rate.
+    """
 
-    w: np.ndarray
-    f_n: np.ndarray
-    a_m_s2: np.ndarray
-    dt_s: float
+    before: FilterState
+    now: FilterState
+    force_m_s2: np.ndarray
+    r_dot_rad_s2: float
     view: TickView
 
 
@@ -72,7 +74,7 @@ class ThrusterState:
     quiet_until_ns: int = 0
     suspected: str = ""
     accel_off: bool = False
-    pending: TickResidual | None = None
+    pending: TickMotion | None = None
 
 
 class ThrusterMonitor(Monitor[ThrusterState]):
@@ -113,13 +115,12 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         force = (x + sensed.ax_m_s2, y + sensed.ay_m_s2, z + sensed.az_m_s2)
         state, alerts = replace(state, force=force, count=state.count + 1), ()
         if (pending := state.pending) is not None:
-            bank = self._bank.step(state.bank, pending.w, pending.f_n, pending.a_m_s2, pending.dt_s)
-            state, found = self._judge(replace(state, bank=bank, pending=None), pending.view)
+            state, found = self._stepped(replace(state, pending=None), pending)
             alerts = found.alerts
         return state, MonitorReport(alerts=alerts, withhold=state.accel_off)
 
     def on_tick(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
-        """One residual; it goes through the bank with the next sample, so that no tick waits for that."""
+        """The tick's motion; its residual goes through the bank with the next sample: no tick waits for that."""
         before, now = state.before, view.belief
         after = replace(state, force=(0.0, 0.0, 0.0), count=0, rate_before=state.rate, before=now, pending=None)
         report = _report(state)
@@ -131,12 +132,18 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             return after, report
         if state.rate is None or state.rate_before is None or state.rate[0] <= state.rate_before[0]:
             return after, report
-        dt_s = (now.t_ns - before.t_ns) * 1e-9
         r_dot = (state.rate[1] - state.rate_before[1]) / ((state.rate[0] - state.rate_before[0]) * 1e-9)
-        w, a = self._balance.residual(before, now, np.array(state.force) / state.count, r_dot)
+        force = np.array(state.force) / state.count
+        return replace(after, pending=TickMotion(before, now, force, r_dot, view)), report
+
+    def _stepped(self, state: ThrusterState, tick: TickMotion) -> tuple[ThrusterState, MonitorReport]:
+        """With a tick's residual in the bank."""
+        w, a = self._balance.residual(tick.before, tick.now, tick.force_m_s2, tick.r_dot_rad_s2)
         if not np.isfinite(w).all():
-            return after, report
-        return replace(after, pending=TickResidual(w, (before.f_n + now.f_n) / 2, a, dt_s, view)), report
+            return state, NOTHING
+        dt_s = (tick.now.t_ns - tick.before.t_ns) * 1e-9
+        bank = self._bank.step(state.bank, w, (tick.before.f_n + tick.now.f_n) / 2, a, dt_s)
+        return self._judge(replace(state, bank=bank), tick.view)
 
     def _judge(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
         nats, kinds = state.bank.nats, self._bank.hypotheses

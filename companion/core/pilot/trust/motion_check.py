@@ -44,7 +44,7 @@ CAP, SLACK, LIMIT, SOUND = 15.0, 2.5, 24.0, 0.5
 far off suffice, before their gates re-open. Assumed. Faster ones count for less (`PositionWords.counts_Hz`)."""
 UNSETTLED = 2.0
 """So much more must speak against the ranges of a filter that has not settled; its speed is not known well then, so
-that slip and force say nothing yet. Of 300 starts in gusts and waves, 2 ended in `untrusted` otherwise."""
+that slip says nothing yet. Of 300 starts in gusts and waves, 2 ended in `untrusted` otherwise."""
 SUSPECT = 8.0
 """Sum from which ranges and filter disagree too much to blame a thruster."""
 
@@ -141,7 +141,7 @@ class MotionMonitor(Monitor[MotionState]):
         sigma = math.hypot(SLIP_SIGMA_M_S, SPEED_SHARE * math.hypot(modelled[0], modelled[1]))
         is_known = belief.settled
         beyond = state.beyond + 1 if is_known and math.hypot(north, east) > SIGMAS * sigma else 0
-        forced = state.forced + 1 if is_known and (np.abs(belief.lasting) > self._force_n).any() else 0
+        forced = state.forced + 1 if (np.abs(belief.lasting) > self._force_n).any() else 0
         state = replace(state, slip_m_s=(north, east), beyond=beyond, forced=forced)
         if state.findings:
             return state, _report(state)

@@ -93,7 +93,8 @@ class SeenRange(NamedTuple):
 @dataclass(frozen=True)
 class PathState:
     """`path`, `ranges`: of the window; `forces`, `cycles`: arrived since the last tick; `judged_ns`: the last tick
-    after which a verdict was due, `is_due`: it still is; `untrusted`: what was found is that they are turned.
+    after which a verdict was due, `is_due`: it still is; `blamed`: thrusters were suspected then; `untrusted`: what was
+    found is that they are turned.
     """
 
     path: tuple[PathPoint, ...] = ()
@@ -102,6 +103,7 @@ class PathState:
     cycles: tuple[UwbRanges, ...] = ()
     judged_ns: int = 0
     is_due: bool = False
+    blamed: bool = False
     untrusted: bool = False
     findings: tuple[Finding, ...] = ()
 
@@ -141,9 +143,9 @@ class PathMonitor(Monitor[PathState]):
         if view.belief is None or view.learning:
             return self.initial, NOTHING
         state = self._moved(state, view, view.belief, uwb)
-        if view.t_ns - state.judged_ns < PERIOD_NS or view.thrusters_suspected or not view.driving:
+        if view.t_ns - state.judged_ns < PERIOD_NS or not view.driving:
             return state, NOTHING
-        return replace(state, judged_ns=view.t_ns, is_due=True), NOTHING
+        return replace(state, judged_ns=view.t_ns, is_due=True, blamed=bool(view.thrusters_suspected)), NOTHING
 
     def _judged(self, state: PathState, uwb: Uwb, t_ns: int) -> tuple[PathState, MonitorReport]:
         """The verdict."""
@@ -205,7 +207,7 @@ class PathMonitor(Monitor[PathState]):
         found, nats = window.best(t_s, by_model, by_model - by_model.mean(), (FLOW_M_S, SHARE))
         is_late = found.delay_s > 0
         of_model, of_force = LATE_NATS if is_late else TURNED_NATS
-        if nats * weight < of_model or (is_late and (way_m < LATE_WAY_M or len(seen) < LATE_RANGES)):
+        if nats * weight < of_model or (is_late and (state.blamed or way_m < LATE_WAY_M or len(seen) < LATE_RANGES)):
             return None
         other, nats = window.best(t_s, by_force, bias, (np.inf, BIAS_M_S2))
         return found if nats * weight >= of_force and found.agrees(other) else None

@@ -37,6 +37,14 @@ class Tilt(NamedTuple):
     theta_rad: float = 0.0
 
 
+class Place(NamedTuple):
+    """Of the body origin, and when."""
+
+    t_ns: int
+    north_m: float
+    east_m: float
+
+
 class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     """State x (17 + k,) with covariance P at t_ns; arrays are never changed in place.
 
@@ -44,8 +52,8 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     `slopes_rad_s2`: their slopes by the last two attitudes, 0 after a gap. `gates`: of components of channels, by name.
     `imu_ns`, `position_ns`, `ranges_ns`: the last IMU sample, accepted position, ranges. `since_ns`: the start, or the
     end of the last gap in all sensors; `fixes`: positions accepted since then; `settled`: speed is known since then.
-    `displaced_ns`: when positions last moved the boat against its motion; `astray_ns`: since when ranges agree on
-    another place.
+    `displaced_ns`: when positions last moved the boat against its motion; `astray`: another place on
+    which ranges agree since then.
     `doubt`: the cumulative sum of `model_confidence`; `activity`: of the latent force, see `latent_activity`;
     `lasting`: its mean over a time that grows with it, what a controller can plan against [N, N, N m].
     """
@@ -69,7 +77,7 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     fixes: int = 0
     settled: bool = False
     displaced_ns: int | None = None
-    astray_ns: int | None = None
+    astray: Place | None = None
     doubt: float = 0.0
     activity: Activity = CALM
     lasting: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.sensors import Uwb
 from companion.core.configuration.site_file import Site
-from companion.core.estimation.filter_state import B_RANGE, LAYOUT, FilterState, Result, innovation_message
+from companion.core.estimation.filter_state import B_RANGE, LAYOUT, FilterState, Place, Result, innovation_message
 from companion.core.estimation.gates import Gate, all_accepted_ns, judge
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.ranges import (
@@ -39,8 +39,8 @@ from companion.core.messages import AnchorRange, UwbPosition, UwbRanges
 from companion.core.model.sensor_errors import apply_uwb_scale, correct_uwb_scale
 from companion.core.sensors.uwb import HEALTH
 
-ASTRAY_NS = 900_000_000
-"""Two cycles at 1 Hz. That two of four ranges, twice in a row, are reflections that fit one place: rare. Assumed."""
+ASTRAY_NS, ASTRAY_M = 900_000_000, 1.5
+"""Two cycles at 1 Hz whose places are no farther apart than a boat goes: reflections seldom do that. Assumed."""
 
 Model = Callable[[int, np.ndarray], RangeModel]
 
@@ -90,14 +90,14 @@ class UwbFusion:
     def _agreed(self, belief: FilterState, arm: tuple[float, float, float]) -> FilterState:
         """The filter state moved to the only place that the ranges at hand, all but one at most, agree on.
 
-        Not before they do so for `ASTRAY_NS`, only if two are rejected, and only to where those that are not fit, too:
-        the filter runs away, from whatever its model does not know, and each gate for itself would wait for rejections
-        that stay the same.
+        Not before they have done so for `ASTRAY_NS`, about one place, only if two are rejected, and only to where those
+        that are not fit, too: the filter runs away, from whatever its model does not know, and each gate for itself
+        would wait for rejections that stay the same.
         """
         use = recent_anchors(belief.latest, belief.t_ns, self._tuning.fix_window_s)
         rejecting = [i for i in use if belief.anchor_gates[i].rejections]
         if len(use) < 3 or len(rejecting) < 2:
-            return replace(belief, astray_ns=None) if len(use) >= 3 else belief
+            return replace(belief, astray=None) if len(use) >= 3 else belief
         moved = [
             relocate(LAYOUT, belief.x, belief.P, place)
             for place in self._places(belief.latest, belief.t_ns, arm, belief.x, max(3, len(use) - 1))
@@ -108,15 +108,17 @@ class UwbFusion:
             (x, P) for x, P in moved if all(abs(z - self.range_model(arm, i, x).h) <= spread_m for i, z in accepted)
         ]
         if len(moved) != 1:
-            return belief
-        since_ns = belief.t_ns if belief.astray_ns is None else belief.astray_ns
-        if belief.t_ns - since_ns < ASTRAY_NS:
-            return replace(belief, astray_ns=since_ns)
+            return replace(belief, astray=None)
         ((x, P),) = moved
+        first = belief.astray
+        if first is None or math.dist((first.north_m, first.east_m), x[:2]) > ASTRAY_M:
+            return replace(belief, astray=Place(belief.t_ns, float(x[0]), float(x[1])))
+        if belief.t_ns - first.t_ns < ASTRAY_NS:
+            return belief
         gates = tuple(Gate(belief.t_ns) if i in use else gate for i, gate in enumerate(belief.anchor_gates))
         displaced_ns = belief.t_ns if contradicts(LAYOUT, belief.x, belief.P, x) else belief.displaced_ns
         return replace(
-            belief, x=x, P=P, anchor_gates=gates, astray_ns=None, position_ns=belief.t_ns, displaced_ns=displaced_ns
+            belief, x=x, P=P, anchor_gates=gates, astray=None, position_ns=belief.t_ns, displaced_ns=displaced_ns
         )
 
     def _best(self, known: Sequence[tuple[int, AnchorRange]], x: np.ndarray, P: np.ndarray, model: Model) -> int:

@@ -104,6 +104,15 @@ def test_ranges_that_agree_on_another_place_twice_move_the_boat_there():
     assert boat_.off_m(there) < 0.5
 
 
+def test_places_that_do_not_agree_with_each_other_do_not():
+    boat_ = Watched()
+    for _ in range(8):
+        boat_.hear()
+    for k in range(4):
+        boat_.hear(place=(PLACE[0] + (3.0 if k % 2 else -3.0), PLACE[1] + 2.0 * k))
+        assert boat_.off_m() < 1.0
+
+
 def test_two_reflections_at_once_do_not():
     boat_ = Watched()
     for _ in range(8):

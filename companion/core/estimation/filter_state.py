@@ -37,7 +37,7 @@ class Tilt(NamedTuple):
     theta_rad: float = 0.0
 
 
-class Place(NamedTuple):
+class AgreedPlace(NamedTuple):
     """Of the body origin, and when."""
 
     t_ns: int
@@ -77,7 +77,7 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     fixes: int = 0
     settled: bool = False
     displaced_ns: int | None = None
-    astray: Place | None = None
+    astray: AgreedPlace | None = None
     doubt: float = 0.0
     activity: Activity = CALM
     lasting: tuple[float, float, float] = (0.0, 0.0, 0.0)

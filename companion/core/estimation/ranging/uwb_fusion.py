@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.sensors import Uwb
 from companion.core.configuration.site_file import Site
-from companion.core.estimation.filter_state import B_RANGE, LAYOUT, FilterState, Place, Result, innovation_message
+from companion.core.estimation.filter_state import B_RANGE, LAYOUT, AgreedPlace, FilterState, Result, innovation_message
 from companion.core.estimation.gates import Gate, all_accepted_ns, judge
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.ranges import (
@@ -112,7 +112,7 @@ class UwbFusion:
         ((x, P),) = moved
         first = belief.astray
         if first is None or math.dist((first.north_m, first.east_m), x[:2]) > ASTRAY_M:
-            return replace(belief, astray=Place(belief.t_ns, float(x[0]), float(x[1])))
+            return replace(belief, astray=AgreedPlace(belief.t_ns, float(x[0]), float(x[1])))
         if belief.t_ns - first.t_ns < ASTRAY_NS:
             return belief
         gates = tuple(Gate(belief.t_ns) if i in use else gate for i, gate in enumerate(belief.anchor_gates))

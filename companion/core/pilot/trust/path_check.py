@@ -34,13 +34,13 @@ from companion.core.sensors.inertial import InertialSensor
 from companion.core.sensors.uwb import RangingSensor
 
 
-class Hypothesis(NamedTuple):
+class PathHypothesis(NamedTuple):
     """The ranges are late by so much, or the path by them is turned by so much."""
 
     delay_s: float = 0.0
     turn_rad: float = 0.0
 
-    def agrees(self, other: Hypothesis) -> bool:
+    def agrees(self, other: PathHypothesis) -> bool:
         """Whether both say nearly the same: both late, or turned by nearly as much."""
         return bool(self.delay_s) == bool(other.delay_s) and abs(ssa(self.turn_rad - other.turn_rad)) <= SAME_TURN_RAD
 
@@ -48,9 +48,9 @@ class Hypothesis(NamedTuple):
 STEP_RAD, SAME_TURN_RAD = math.radians(30), math.radians(61)
 """Two steps, and a little for rounding, are the same turn; assumed."""
 HYPOTHESES = (
-    Hypothesis(),
-    *(Hypothesis(delay_s=delay_s) for delay_s in (0.5, 1.0, 1.5, 2.0)),
-    *(Hypothesis(turn_rad=ssa(k * STEP_RAD)) for k in range(2, 11)),
+    PathHypothesis(),
+    *(PathHypothesis(delay_s=delay_s) for delay_s in (0.5, 1.0, 1.5, 2.0)),
+    *(PathHypothesis(turn_rad=ssa(k * STEP_RAD)) for k in range(2, 11)),
 )
 LONGEST_S = max(h.delay_s for h in HYPOTHESES)
 WINDOW_S, PERIOD_NS, GAP_S = 12.0, 500_000_000, 0.5
@@ -189,7 +189,7 @@ class PathMonitor(Monitor[PathState]):
                 distance, e = line_of_sight(tag_m, self._anchors_m[r.anchor])
                 yield SeenRange(m.t_ns * 1e-9, complex(e[0], e[1]), r.range_m - distance + float(e[:2] @ tag_m[:2]))
 
-    def _best(self, state: PathState, uwb: Uwb) -> Hypothesis | None:
+    def _best(self, state: PathState, uwb: Uwb) -> PathHypothesis | None:
         """What the ranges of the window say by both witnesses; None: nothing that is sure."""
         seen = state.ranges
         if len(seen) < LEAST_RANGES:
@@ -222,8 +222,8 @@ class RangeWindow:
 
     def best(
         self, t_s: np.ndarray, path: np.ndarray, shape: np.ndarray, sigmas: tuple[float, float]
-    ) -> tuple[Hypothesis, float]:
-        """What explains them best on this path, and by how much better than `Hypothesis()` [nats].
+    ) -> tuple[PathHypothesis, float]:
+        """What explains them best on this path, and by how much better than `PathHypothesis()` [nats].
 
         `path` and `shape`: p and g at the times `t_s`, complex; `sigmas` of w and b. Nats are divided by how badly even
         the best explains them: errors that nothing of this is the cause of.

@@ -38,7 +38,7 @@ class Tilt(NamedTuple):
 
 
 class AgreedPlace(NamedTuple):
-    """Of the body origin, and when."""
+    """Of the body origin, and since when ranges agree on it."""
 
     t_ns: int
     north_m: float
@@ -52,10 +52,10 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     `slopes_rad_s2`: their slopes by the last two attitudes, 0 after a gap. `gates`: of components of channels, by name.
     `imu_ns`, `position_ns`, `ranges_ns`: the last IMU sample, accepted position, ranges. `since_ns`: the start, or the
     end of the last gap in all sensors; `fixes`: positions accepted since then; `settled`: speed is known since then.
-    `displaced_ns`: when positions last moved the boat against its motion; `astray`: another place on
-    which ranges agree since then.
-    `doubt`: the cumulative sum of `model_confidence`; `activity`: of the latent force, see `latent_activity`;
-    `lasting`: its mean over a time that grows with it, what a controller can plan against [N, N, N m].
+    `displaced_ns`: when positions last moved the boat against its motion; `astray`: another place on which
+    ranges agree since then. `doubt`: the cumulative sum of `model_confidence`; `activity`: of the latent force, see
+    `latent_activity`; `lasting`: its mean over a time that grows with it, what a controller can plan against
+    [N, N, N m].
     """
 
     t_ns: int

@@ -129,15 +129,13 @@ class Starter:
         u, tilt = self._sensors.position, Tilt(heading.phi_rad, heading.theta_rad)
         arm = to_level(*tilt, u.x_m, u.y_m, u.z_m)
         north, east = origin_position(place, heading.psi_rad, (arm[0], arm[1]))
-        belief = self._belief(t_ns, (north, east), sigma_m, heading, tilt, f_n)
-        if any(start.readings):
-            return start, belief
-        before, start = start.fix, replace(start, fix=(t_ns, north, east), reason="waiting for a second fix")
-        if before is None or t_ns <= before[0]:
-            return start, None
-        if np.hypot(north - before[1], east - before[2]) > self._tuning.start_agreement_m:
-            return replace(start, reason=f"two fixes of {self._label} in a row disagree"), None
-        return start, belief
+        if not any(start.readings):
+            before, start = start.fix, replace(start, fix=(t_ns, north, east), reason="waiting for a second fix")
+            if before is None or t_ns <= before[0]:
+                return start, None
+            if np.hypot(north - before[1], east - before[2]) > self._tuning.start_agreement_m:
+                return replace(start, reason=f"two fixes of {self._label} in a row disagree"), None
+        return start, self._belief(t_ns, (north, east), sigma_m, heading, tilt, f_n)
 
     def _belief(
         self, t_ns: int, origin_m: tuple[float, float], sigma_m: float, heading: Attitude, tilt: Tilt, f_n: np.ndarray

@@ -107,8 +107,8 @@ class RangeFusion:
 
     def fuse(self, x: np.ndarray, P: np.ndarray, gates: Sequence[Gate], m: RangeMeasurement, t_ns: int) -> RangeUpdate:
         """Judge a range by its anchor's gate and, unless it is rejected, update x and P with it."""
-        at, R = m.model(m.anchor, x), np.array([[self.sigma_m**2]])
-        nu, S = m.range_m - at.h, float(at.row @ P @ at.row) + self.sigma_m**2
+        R = np.array([[self.sigma_m**2]])
+        at, nu, S = self.innovation(x, P, m)
         verdict, gate = judge(gates[m.anchor], self.rule, t_ns, nu, math.sqrt(S))
         if verdict == "rejected":
             return RangeUpdate(x, P, gate, verdict, nu, S)
@@ -119,6 +119,15 @@ class RangeFusion:
             correction = m.range_m - at.h
         x, P = self.algebra.update(x, P, np.array([correction]), at.row[None, :], R)
         return RangeUpdate(x, P, gate, verdict, nu, S)
+
+    def innovation(self, x: np.ndarray, P: np.ndarray, m: RangeMeasurement) -> tuple[RangeModel, float, float]:
+        """h and its row, nu = z - h, and its variance S."""
+        at = m.model(m.anchor, x)
+        return at, m.range_m - at.h, float(at.row @ P @ at.row) + self.sigma_m**2
+
+    def best(self, x: np.ndarray, P: np.ndarray, ranges: Sequence[RangeMeasurement]) -> int:
+        """Which fits best: the smallest nu^2 / S."""
+        return int(np.argmin([nu**2 / S for _, nu, S in (self.innovation(x, P, m) for m in ranges)]))
 
     def _reopen(
         self, x: np.ndarray, P: np.ndarray, m: RangeMeasurement, nu: float, others: OtherAnchors

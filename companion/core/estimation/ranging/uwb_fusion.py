@@ -7,7 +7,7 @@ position  p + R(psi) l                        north and east judged one by one; 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -35,14 +35,12 @@ from companion.core.estimation.ranging.ranges import (
 )
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import rotate, to_level
-from companion.core.messages import AnchorRange, UwbPosition, UwbRanges
+from companion.core.messages import UwbPosition, UwbRanges
 from companion.core.model.sensor_errors import apply_uwb_scale, correct_uwb_scale
 from companion.core.sensors.uwb import HEALTH
 
 ASTRAY_NS, ASTRAY_M = 900_000_000, 1.5
 """Two cycles at 1 Hz whose places are no farther apart than a boat goes: reflections seldom do that. Assumed."""
-
-Model = Callable[[int, np.ndarray], RangeModel]
 
 
 class UwbFusion:
@@ -51,6 +49,7 @@ class UwbFusion:
     def __init__(self, site: Site, uwb: Uwb, tuning: EstimatorTuning, algebra: KalmanEquations):
         self._uwb, self._tuning, self._algebra = uwb, tuning, algebra
         self._ranges = RangeFusion(algebra, LAYOUT, uwb.range_sigma_m, tuning.range_gate, tuning.fix_spread_m)
+        self._ids = [a.id for a in site.anchors]
         self.number = {a.id: i for i, a in enumerate(site.anchors)}
         self.anchors_m = np.array([(a.north_m, a.east_m, a.down_m) for a in site.anchors]).reshape(-1, 3)
 
@@ -63,27 +62,28 @@ class UwbFusion:
 
         What fits best comes first: a reflection is judged after the ranges that contradict it.
         """
-        known = [(self.number[r.anchor], r) for r in m.ranges if r.anchor in self.number]
+        known = [(self.number[r.anchor], r.range_m) for r in m.ranges if r.anchor in self.number]
         latest = list(belief.latest)
-        for i, r in known:
-            latest[i] = AnchorHistory(belief.t_ns, r.range_m)
+        for i, range_m in known:
+            latest[i] = AnchorHistory(belief.t_ns, range_m)
         x, P, gates, innovations = belief.x, belief.P, list(belief.anchor_gates), []
         position_ns, displaced_ns = belief.position_ns, belief.displaced_ns
         arm = self.arm(belief)
         model, find = partial(self.range_model, arm), partial(self._find, tuple(latest), belief.t_ns, arm)
-        while known:
-            i, r = known.pop(self._best(known, x, P, model))
-            fused = self._ranges.fuse(x, P, gates, RangeMeasurement(i, r.range_m, model, find), belief.t_ns)
+        left = [RangeMeasurement(i, range_m, model, find) for i, range_m in known]
+        while left:
+            one = left.pop(self._ranges.best(x, P, left))
+            fused = self._ranges.fuse(x, P, gates, one, belief.t_ns)
             if fused.verdict == "reopened" and contradicts(LAYOUT, x, P, fused.x):
                 displaced_ns = belief.t_ns
-            x, P, gates[i] = fused.x, fused.P, fused.gate
+            x, P, gates[one.anchor] = fused.x, fused.P, fused.gate
             accepted = fused.verdict != "rejected"
             position_ns = belief.t_ns if accepted else position_ns
             nu, S = np.array([fused.innovation]), np.array([[fused.S]])
-            innovations.append(innovation_message(belief.t_ns, f"range {r.anchor}", nu, S, accepted))
+            innovations.append(innovation_message(belief.t_ns, f"range {self._ids[one.anchor]}", nu, S, accepted))
         after = replace(
             belief, x=x, P=P, anchor_gates=tuple(gates), latest=tuple(latest), position_ns=position_ns,
-            ranges_ns=belief.t_ns if innovations else belief.ranges_ns, displaced_ns=displaced_ns,
+            ranges_ns=belief.t_ns if known else belief.ranges_ns, displaced_ns=displaced_ns,
         )  # fmt: skip
         return self._agreed(after, arm), tuple(innovations)
 
@@ -95,39 +95,34 @@ class UwbFusion:
         would wait for rejections that stay the same.
         """
         use = recent_anchors(belief.latest, belief.t_ns, self._tuning.fix_window_s)
+        if len(use) < 3:
+            return belief
         rejecting = [i for i in use if belief.anchor_gates[i].rejections]
-        if len(use) < 3 or len(rejecting) < 2:
-            return replace(belief, astray=None) if len(use) >= 3 else belief
-        moved = [
-            relocate(LAYOUT, belief.x, belief.P, place)
-            for place in self._places(belief.latest, belief.t_ns, arm, belief.x, max(3, len(use) - 1))
-        ]
-        accepted = [(i, seen.range_m) for i in use if i not in rejecting and (seen := belief.latest[i])]
-        spread_m = self._tuning.fix_spread_m
-        moved = [
-            (x, P) for x, P in moved if all(abs(z - self.range_model(arm, i, x).h) <= spread_m for i, z in accepted)
-        ]
-        if len(moved) != 1:
+        if len(rejecting) < 2:
             return replace(belief, astray=None)
-        ((x, P),) = moved
+        accepted = [(i, seen.range_m) for i in use if i not in rejecting and (seen := belief.latest[i])]
+        places = [
+            place
+            for place in self._places(belief.latest, belief.t_ns, arm, belief.x, max(3, len(use) - 1))
+            if self._fits(np.array([*place, *belief.x[2:]]), arm, accepted)
+        ]
+        if len(places) != 1:
+            return replace(belief, astray=None)
         first = belief.astray
-        if first is None or math.dist((first.north_m, first.east_m), x[:2]) > ASTRAY_M:
-            return replace(belief, astray=AgreedPlace(belief.t_ns, float(x[0]), float(x[1])))
+        if first is None or math.dist((first.north_m, first.east_m), places[0]) > ASTRAY_M:
+            return replace(belief, astray=AgreedPlace(belief.t_ns, *places[0]))
         if belief.t_ns - first.t_ns < ASTRAY_NS:
             return belief
+        x, P = relocate(LAYOUT, belief.x, belief.P, places[0])
         gates = tuple(Gate(belief.t_ns) if i in use else gate for i, gate in enumerate(belief.anchor_gates))
         displaced_ns = belief.t_ns if contradicts(LAYOUT, belief.x, belief.P, x) else belief.displaced_ns
         return replace(
             belief, x=x, P=P, anchor_gates=gates, astray=None, position_ns=belief.t_ns, displaced_ns=displaced_ns
         )
 
-    def _best(self, known: Sequence[tuple[int, AnchorRange]], x: np.ndarray, P: np.ndarray, model: Model) -> int:
-        """Index of the range with the smallest d^2 = nu^2 / S."""
-        d2 = []
-        for i, r in known:
-            at = model(i, x)
-            d2.append((r.range_m - at.h) ** 2 / (float(at.row @ P @ at.row) + self._uwb.range_sigma_m**2))
-        return int(np.argmin(d2))
+    def _fits(self, x: np.ndarray, arm: tuple[float, float, float], ranges: Sequence[tuple[int, float]]) -> bool:
+        """Whether a state explains ranges, each (number of its anchor, range [m])."""
+        return all(abs(z - self.range_model(arm, i, x).h) <= self._tuning.fix_spread_m for i, z in ranges)
 
     def range_model(self, arm: tuple[float, float, float], anchor: int, x: np.ndarray) -> RangeModel:
         """Distance from the anchor to the tag plus bias, and the derivatives to x, y, psi, bias."""

@@ -8,6 +8,7 @@ misses a sensor that has fallen silent.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -21,6 +22,9 @@ FELT_NS = 500_000_000
 """So long after something moved every sensor must have felt it: dead time, lag and filters are 0.4 s; assumed."""
 MOVED_RAD_S, MOVED_US = 0.01, 60.0
 """Ten units of the wire; about 3 N of a T200, or 0.04 m/s^2 of the reference boat, four units."""
+SMOOTHING = 0.2
+"""Share of a new reading in the mean of rates that testify; assumed. A gyro's noise of 0.002 rad/s departs from itself by
+the limit every minute or so, its mean of some five readings by a seventh of it."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +47,10 @@ NOTHING_READ = Repeats()
 
 @dataclass(frozen=True)
 class SensorRepeats:
-    """`by_type`: repeats of each sensor, by the type of its message."""
+    """`by_type`: repeats of each sensor, by the type of its message; `rates_rad_s`: p, q, r of each, less their noise."""
 
     by_type: Mapping[str, Repeats] = field(default_factory=dict)
+    rates_rad_s: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 class StuckSensorMonitor(Monitor[SensorRepeats]):
@@ -63,14 +68,16 @@ class StuckSensorMonitor(Monitor[SensorRepeats]):
         others = {k: r for k, r in state.by_type.items() if k != kind}
         if isinstance(message, OverrideLease):
             says = tuple(map(float, message.pwm_us))
-            return SensorRepeats({k: _testify(r, kind, says, MOVED_US, t_ns) for k, r in others.items()}), NOTHING
+            others = {k: _testify(r, kind, says, MOVED_US, t_ns) for k, r in others.items()}
+            return replace(state, by_type=others), NOTHING
         if isinstance(message, (ImuSample, Attitude)):
-            rates = (message.p_rad_s, message.q_rad_s, message.r_rad_s)
+            rates = _mean(state.rates_rad_s.get(kind), (message.p_rad_s, message.q_rad_s, message.r_rad_s))
             others = {k: _testify(r, kind, rates, MOVED_RAD_S, t_ns) for k, r in others.items()}
+            state = replace(state, rates_rad_s={**state.rates_rad_s, kind: rates})
         if KIND_OF[type(message)].repeatable(message) is None:
-            return SensorRepeats(others), NOTHING
+            return replace(state, by_type=others), NOTHING
         now, alerts = next_reading(state.by_type.get(kind, NOTHING_READ), message, t_ns)
-        return SensorRepeats({**others, kind: now}), MonitorReport(alerts=alerts, withhold=now.stuck)
+        return replace(state, by_type={**others, kind: now}), MonitorReport(alerts=alerts, withhold=now.stuck)
 
 
 def next_reading(before: Repeats, message: Measured, t_ns: int) -> tuple[Repeats, tuple[Alert, ...]]:
@@ -87,6 +94,13 @@ def next_reading(before: Repeats, message: Measured, t_ns: int) -> tuple[Repeats
     same_s = (t_ns - before.since_ns) * 1e-9
     text = f"{name}: the same reading for {same_s:.1f} s though the boat moves: frozen, left out from now on"
     return now, (Alert(t_ns=t_ns, level="error", text=text),)
+
+
+def _mean(before: tuple[float, ...] | None, rates: tuple[float, ...]) -> tuple[float, ...]:
+    """The running mean of rates after one more reading; one that is not finite tells nothing."""
+    if not all(map(math.isfinite, rates)):
+        return before or (0.0, 0.0, 0.0)
+    return tuple(m + SMOOTHING * (x - m) for m, x in zip(before or rates, rates, strict=True))
 
 
 def _testify(repeats: Repeats, kind: str, says: Sequence[float], limit: float, t_ns: int) -> Repeats:

@@ -2,12 +2,14 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from companion.core.messages import Attitude, ImuSample, OverrideLease, StateEstimate
+from companion.core.messages.sensors import GnssFix
 from companion.core.pilot import annunciator
 from companion.core.pilot.monitors.stuck_sensor import LEAST, STUCK_NS, SensorRepeats, StuckSensorMonitor
 
@@ -85,6 +87,26 @@ def test_thrust_that_changes_and_is_not_felt_is_proof_though_both_sensors_say_th
         withheld.append(report.withhold)
         state, _ = monitor.on_message(state, lease(t_ns, pwm_us if k >= 100 else 1500), t_ns)
     assert not any(withheld[:125]) and all(held is stuck for held in withheld[126:])
+
+
+@pytest.mark.parametrize("drift_rad_s2", [0.0, 1.5e-5])
+def test_gyros_that_hiss_and_drift_do_not_say_that_a_boat_at_rest_moves(drift_rad_s2):
+    """GNSS of a real autopilot at rest, to the last digit the same for five minutes; seed 1. Drift: SIM_DRIFT_SPEED."""
+    monitor, state, rng = StuckSensorMonitor(), SensorRepeats(), np.random.default_rng(1)
+    fix = GnssFix(t_ns=0, t_rx_ns=0, lat_deg=12.99, lon_deg=80.23, fix_type=3, v_north_m_s=0.0, v_east_m_s=0.0)
+    for k, noise in enumerate(rng.normal(scale=0.002, size=(15_000, 3))):
+        t_ns = k * 20 * MS
+        p, q, r = map(float, noise + drift_rad_s2 * t_ns * 1e-9)
+        state, _ = monitor.on_message(state, replace(IMU, t_ns=t_ns, p_rad_s=p, q_rad_s=q, r_rad_s=r), t_ns)
+        if k % 10 == 0:
+            state, report = monitor.on_message(state, replace(fix, t_ns=t_ns), t_ns)
+            assert not report.withhold and not report.alerts
+    state, _ = monitor.on_message(state, replace(IMU, t_ns=t_ns, r_rad_s=math.nan), t_ns)
+    for k in range(60):
+        t_ns += 20 * MS
+        state, _ = monitor.on_message(state, replace(IMU, t_ns=t_ns, r_rad_s=0.05), t_ns)
+        state, report = monitor.on_message(state, replace(fix, t_ns=t_ns), t_ns)
+    assert report.withhold, "it does as soon as it turns, in spite of a rate that is no number"
 
 
 def test_two_readings_far_apart_are_no_proof():

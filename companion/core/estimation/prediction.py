@@ -28,7 +28,7 @@ from companion.core.estimation.filter_state import (
     FilterState,
 )
 from companion.core.estimation.kalman import KalmanEquations
-from companion.core.estimation.latent_activity import update_lasting
+from companion.core.estimation.latent_activity import log_variances, update_lasting
 from companion.core.estimation.model_confidence import is_in_doubt
 from companion.core.estimation.process import Process
 from companion.core.estimation.tilt import advance_tilt
@@ -95,7 +95,7 @@ class Predictor:
         dt_s = (t_ns - belief.t_ns) * 1e-9
         f_n, mean_n = lagged(belief.f_n, command_n, dt_s, self._lag_s, self._slew_N_s)
         decay, q = (self._wary if is_in_doubt(belief, self._tuning) else self._noise)(dt_s)
-        q[LATENT] *= np.exp([axis.log_variance for axis in belief.activity])
+        q[LATENT] *= np.exp(log_variances(belief.activity))
         drive = self._process.drive(mean_n)
         x = belief.x * decay
         F = np.diag(decay)

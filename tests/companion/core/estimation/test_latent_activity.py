@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.core.estimation.latent_activity import CALM, MOST, UNKNOWN, update_activity
+from companion.core.estimation.latent_activity import CALM, MOST, SPREAD, UNKNOWN, AxisActivity, log_variances, update_activity
 
 DT_S = 0.02
 
@@ -37,6 +37,13 @@ def test_it_comes_back_within_half_a_minute_and_other_axes_stay():
     assert lively[1].log_variance == MOST and lively[0] == lively[2] == CALM[0]
     calm = after(np.random.default_rng(2).normal(size=1500), lively)
     assert calm[1].log_variance < 1.0
+
+
+@given(st.tuples(*[st.floats(0.0, MOST)] * 3))
+def test_no_axis_is_calm_amid_waves_and_all_are_in_calm_water(levels):
+    counted = log_variances(tuple(AxisActivity(log_variance=a) for a in levels))
+    assert all(c >= a for c, a in zip(counted, levels, strict=True)) and max(counted) == max(levels)
+    assert max(counted) - min(counted) <= SPREAD + 1e-9
 
 
 def test_one_outlier_is_no_wave():

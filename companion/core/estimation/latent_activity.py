@@ -27,9 +27,9 @@ RISE_S, FALL_S = 0.5, 4.0
 MOST = math.log(1000.0)
 """The latent sigma grows thirtyfold at most: from the 3 N of a good model to waves of 100 N; assumed."""
 SPREAD = 2.0
-"""No axis is less active than the most active one less this: waves that push a boat turn it, too, if not at each moment.
-Tuned: where yaw counted as calm amid waves, the model told sway from the yaw rate (Munk's moment, N_v): 0.5 m/s wrong
-with a sigma of 0.02."""
+"""No axis counts as less active than the most active one less this: waves that push a boat turn it, too, if not at each
+moment. Tuned: where yaw counted as calm amid waves, the filter told sway from the yaw rate by the model (Munk's moment,
+N_v): 0.5 m/s wrong with a sigma of 0.02."""
 
 MEMORY_S = 1.0
 """The mean of the latent force that a controller plans against is over a times so long: over a wave or more where waves

@@ -23,8 +23,8 @@ FELT_NS = 500_000_000
 MOVED_RAD_S, MOVED_US = 0.01, 60.0
 """Ten units of the wire; about 3 N of a T200, or 0.04 m/s^2 of the reference boat, four units."""
 SMOOTHING = 0.2
-"""Share of a new reading in the mean of rates that testify; assumed. A gyro's noise of 0.002 rad/s departs from itself by
-the limit every minute or so, its mean of some five readings by a seventh of it."""
+"""Share of a new reading in the mean of rates that testify; assumed. White noise of 0.002 rad/s departs from its first
+reading by the limit within a minute; its mean of some five readings does not."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ NOTHING_READ = Repeats()
 
 @dataclass(frozen=True)
 class SensorRepeats:
-    """`by_type`: repeats of each sensor, by the type of its message; `rates_rad_s`: p, q, r of each, less their noise."""
+    """`by_type`: repeats of each sensor, by its message; `rates_rad_s`: mean p, q, r of those that have them."""
 
     by_type: Mapping[str, Repeats] = field(default_factory=dict)
     rates_rad_s: Mapping[str, tuple[float, ...]] = field(default_factory=dict)

@@ -5,7 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.core.estimation.latent_activity import CALM, MOST, SPREAD, UNKNOWN, AxisActivity, log_variances, update_activity
+from companion.core.estimation.latent_activity import (
+    CALM,
+    MOST,
+    SPREAD,
+    UNKNOWN,
+    AxisActivity,
+    log_variances,
+    update_activity,
+)
 
 DT_S = 0.02
 

@@ -102,7 +102,7 @@ def test_gyros_that_hiss_and_drift_do_not_say_that_a_boat_at_rest_moves(drift_ra
             state, report = monitor.on_message(state, replace(fix, t_ns=t_ns), t_ns)
             assert not report.withhold and not report.alerts
     state, _ = monitor.on_message(state, replace(IMU, t_ns=t_ns, r_rad_s=math.nan), t_ns)
-    for k in range(60):
+    for _ in range(60):
         t_ns += 20 * MS
         state, _ = monitor.on_message(state, replace(IMU, t_ns=t_ns, r_rad_s=0.05), t_ns)
         state, report = monitor.on_message(state, replace(fix, t_ns=t_ns), t_ns)

@@ -82,7 +82,7 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     `settle_fixes` positions have been accepted, and until the sigma of u and v is below `settled_velocity_sigma_m_s`
     at one of them: speed is known to 0.2 m/s then. `settle_most_s` ends it in any case. Assumed."""
     settle_fixes: int = 4
-    settled_velocity_sigma_m_s: float = 0.055
+    settled_velocity_sigma_m_s: float = 0.045
     settle_most_s: float = 12.0
 
     @property

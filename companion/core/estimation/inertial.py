@@ -32,7 +32,7 @@ from companion.core.estimation.filter_state import (
 )
 from companion.core.estimation.gates import judge
 from companion.core.estimation.kalman import KalmanEquations
-from companion.core.estimation.latent_activity import UNKNOWN, update_activity
+from companion.core.estimation.latent_activity import UNKNOWN, log_variances, update_activity
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.ranges import inflate
 from companion.core.estimation.tilt import level_jacobian, yaw_rate
@@ -61,7 +61,7 @@ class Inertial:
     def fuse_imu(self, belief: FilterState, m: ImuSample) -> Result:
         """One update by a_x, a_y. At the first one, and after a gap, the latent force may be any wave's."""
         if _since_s(belief.imu_ns, belief.t_ns, math.inf) > self._tuning.imu_timeout_s:
-            sigma = self._tuning.latent_sigma * np.exp([axis.log_variance / 2 for axis in UNKNOWN])
+            sigma = self._tuning.latent_sigma * np.exp(np.divide(log_variances(UNKNOWN), 2))
             belief = replace(belief, P=inflate(belief.P, LATENT_INDICES, sigma), activity=UNKNOWN)
         expected, J = self._process.acceleration(belief.x[DYNAMIC], self._process.drive(belief.f_n))
         tilt, force = belief.tilt, (m.ax_m_s2, m.ay_m_s2, m.az_m_s2)

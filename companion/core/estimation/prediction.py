@@ -95,7 +95,8 @@ class Predictor:
         dt_s = (t_ns - belief.t_ns) * 1e-9
         f_n, mean_n = lagged(belief.f_n, command_n, dt_s, self._lag_s, self._slew_N_s)
         decay, q = (self._wary if is_in_doubt(belief, self._tuning) else self._noise)(dt_s)
-        q[LATENT] *= np.exp(log_variances(belief.activity))
+        levels = log_variances(belief.activity)
+        q[LATENT] *= np.exp(levels)
         drive = self._process.drive(mean_n)
         x = belief.x * decay
         F = np.diag(decay)
@@ -107,7 +108,7 @@ class Predictor:
         if not seen:
             q[TILT] += self._tuning.unseen_tilt_rad_sqrt_s**2 * dt_s
         P = self._algebra.predict(belief.P, x, F, np.diag(q))
-        lasting = update_lasting(belief.lasting, x[LATENT].tolist(), belief.activity, dt_s)
+        lasting = update_lasting(belief.lasting, x[LATENT].tolist(), levels, dt_s)
         return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n, lasting=lasting)
 
 

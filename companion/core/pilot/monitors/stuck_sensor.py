@@ -71,9 +71,11 @@ class StuckSensorMonitor(Monitor[SensorRepeats]):
             others = {k: _testify(r, kind, says, MOVED_US, t_ns) for k, r in others.items()}
             return replace(state, by_type=others), NOTHING
         if isinstance(message, (ImuSample, Attitude)):
-            rates = _mean(state.rates_rad_s.get(kind), (message.p_rad_s, message.q_rad_s, message.r_rad_s))
-            others = {k: _testify(r, kind, rates, MOVED_RAD_S, t_ns) for k, r in others.items()}
-            state = replace(state, rates_rad_s={**state.rates_rad_s, kind: rates})
+            rates = (message.p_rad_s, message.q_rad_s, message.r_rad_s)
+            if all(map(math.isfinite, rates)):
+                mean = _mean(state.rates_rad_s.get(kind, rates), rates)
+                others = {k: _testify(r, kind, mean, MOVED_RAD_S, t_ns) for k, r in others.items()}
+                state = replace(state, rates_rad_s={**state.rates_rad_s, kind: mean})
         if KIND_OF[type(message)].repeatable(message) is None:
             return replace(state, by_type=others), NOTHING
         now, alerts = next_reading(state.by_type.get(kind, NOTHING_READ), message, t_ns)
@@ -96,11 +98,9 @@ def next_reading(before: Repeats, message: Measured, t_ns: int) -> tuple[Repeats
     return now, (Alert(t_ns=t_ns, level="error", text=text),)
 
 
-def _mean(before: tuple[float, ...] | None, rates: tuple[float, ...]) -> tuple[float, ...]:
-    """The running mean of rates after one more reading; one that is not finite tells nothing."""
-    if not all(map(math.isfinite, rates)):
-        return before or (0.0, 0.0, 0.0)
-    return tuple(m + SMOOTHING * (x - m) for m, x in zip(before or rates, rates, strict=True))
+def _mean(before: tuple[float, ...], rates: tuple[float, ...]) -> tuple[float, ...]:
+    """The running mean of rates after one more reading."""
+    return tuple(m + SMOOTHING * (x - m) for m, x in zip(before, rates, strict=True))
 
 
 def _testify(repeats: Repeats, kind: str, says: Sequence[float], limit: float, t_ns: int) -> Repeats:

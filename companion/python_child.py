@@ -26,12 +26,12 @@ def dependent_aritra(*words: object) -> list[str]:
     return python("-m", "companion.python_child", os.getpid(), *words)
 
 
-def end_with(parent: int) -> None:
-    """Have the kernel send SIGTERM to this process when its parent, of this number, ends. Linux only."""
+def end_with(parent: int, number: signal.Signals = signal.SIGTERM) -> None:
+    """Have the kernel send this signal to this process when its parent, of this number, ends. Linux only."""
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number)
     if os.getppid() != parent:  # it was gone before we could ask
-        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(number)
 
 
 if __name__ == "__main__":

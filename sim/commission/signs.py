@@ -73,6 +73,6 @@ def distrusted(vessel: VesselFile) -> VesselFile:
     """The vessel with a model error as large as a thruster makes that pushes the other way: twice its pulse's force."""
     lower, upper = force_limits(vessel)
     wrong = 2 * PULSE_LEVEL * np.abs(configuration_matrix(vessel)) * np.maximum(upper, -lower)
-    X, Y, N = np.maximum(wrong.max(axis=1), EstimatorTuning().latent_sigma).round(2).tolist()
+    X, Y, N = np.maximum(wrong.max(axis=1), EstimatorTuning().lively_sigma).round(2).tolist()
     source = "assumed: which way thrusters push is not known yet"
     return replace(vessel, model_error=ModelError(X_sigma_N=X, Y_sigma_N=Y, N_sigma_N_m=N, source=source))

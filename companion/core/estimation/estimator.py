@@ -169,7 +169,7 @@ class Estimator:
             covariance=tuple(belief.P[:6, :6].ravel().tolist()), accel_bias_m_s2=tuple(x[B_ACCEL].tolist()),
             gyro_bias_rad_s=float(x[B_GYRO]),
             anchor_bias_m=dict(zip(self.anchors, x[B_RANGE : B_RANGE + len(self.anchors)].tolist(), strict=True)),
-            disturbance_n=belief.lasting, health=health, reason=reason,
+            disturbance_n=belief.latent_means.steady, health=health, reason=reason,
         )  # fmt: skip
 
     def belief(self, state: EstimatorState, t_ns: int) -> FilterState | None:

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from companion.core.estimation.gates import Gate
-from companion.core.estimation.latent_activity import CALM, Activity
+from companion.core.estimation.latent_activity import CALM, Activity, LatentMeans
 from companion.core.estimation.ranging.ranges import AnchorHistory, RangeLayout
 from companion.core.messages import Innovation, Measured
 
@@ -54,8 +54,7 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     end of the last gap in all sensors; `fixes`: positions accepted since then; `settled`: speed is known since then.
     `displaced_ns`: when positions last moved the boat against its motion; `astray`: another place on which
     ranges agree since then. `doubt`: the cumulative sum of `model_confidence`; `activity`: of the latent force, see
-    `latent_activity`; `lasting`: its mean over a time that grows with it, what a controller can plan against
-    [N, N, N m].
+    `latent_activity`; `latent_means`: of that force.
     """
 
     t_ns: int
@@ -80,7 +79,7 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     astray: AgreedPlace | None = None
     doubt: float = 0.0
     activity: Activity = CALM
-    lasting: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    latent_means: LatentMeans = LatentMeans()
 
     @property
     def tilt(self) -> Tilt:

@@ -61,7 +61,7 @@ class Inertial:
     def fuse_imu(self, belief: FilterState, m: ImuSample) -> Result:
         """One update by a_x, a_y. At the first one, and after a gap, the latent force may be any wave's."""
         if _since_s(belief.imu_ns, belief.t_ns, math.inf) > self._tuning.imu_timeout_s:
-            sigma = self._tuning.latent_sigma * np.exp(np.divide(log_variances(UNKNOWN), 2))
+            sigma = self._tuning.lively_sigma * np.exp(np.divide(log_variances(UNKNOWN), 2))
             belief = replace(belief, P=inflate(belief.P, LATENT_INDICES, sigma), activity=UNKNOWN)
         expected, J = self._process.acceleration(belief.x[DYNAMIC], self._process.drive(belief.f_n))
         tilt, force = belief.tilt, (m.ax_m_s2, m.ay_m_s2, m.az_m_s2)

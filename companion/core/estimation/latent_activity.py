@@ -3,7 +3,7 @@
     z = nu / sqrt(S)                          innovation of an axis, white and of variance 1 where the filter is right
     m' = (z - m) / tau                        its mean over a fraction of a wave's period, of variance dt / (2 tau)
     a' = (min(m^2 2 tau / dt, 25) - 3) / T   0 <= a <= most
-    latent sigma_i = e^(a_i'/2) sigma_0,      a_i' = max(a_i, max a - 2)
+    latent variance_i + (e^(a_i') - 1) sigma_lively^2,      a_i' = max(a_i, max a - 2)
 
 One number each for surge, sway and yaw. Without it the filter takes a wave's acceleration for a tilt. Covariance
 matching and whiteness of innovations: R. K. Mehra, On the identification of variances and adaptive Kalman filtering,
@@ -32,8 +32,11 @@ moment. Tuned: where yaw counted as calm amid waves, the filter told sway from t
 N_v): 0.36 m/s wrong with a sigma of 0.04."""
 
 MEMORY_S = 1.0
-"""The mean of the latent force that a controller plans against is over a times so long: over a wave or more where waves
-are, and over nothing where the force is only what the model leaves out. Assumed."""
+"""The latent force that lasts is its mean over a times so long: over a wave or more where waves are, and over nothing
+where the force is only what the model leaves out. Assumed."""
+STEADY_S = (8.0, 8.0, 0.0)
+"""A controller plans against its mean over so long at least: the noise of ranges at 1 Hz moves the latent force, and
+a boat on station that counters it at once goes along. Not in yaw, which a gyro tells: there it is only late. Tuned."""
 
 
 class AxisActivity(NamedTuple):
@@ -48,6 +51,16 @@ CALM: Activity = (AxisActivity(), AxisActivity(), AxisActivity())
 _LIVELY = AxisActivity(log_variance=math.log(300.0))
 UNKNOWN: Activity = (_LIVELY, _LIVELY, _LIVELY)
 """At the first acceleration, and at that after a gap: it is a wave's until it proves to be none, and no tilt."""
+
+
+Wrench = tuple[float, float, float]
+
+
+class LatentMeans(NamedTuple):
+    """Means of the latent force [N, N, N m]: `lasting`, what outlasts waves; `steady`, what can be planned against."""
+
+    lasting: Wrench = (0.0, 0.0, 0.0)
+    steady: Wrench = (0.0, 0.0, 0.0)
 
 
 def update_activity(activity: Activity, axes: Sequence[int], z: Sequence[float], dt_s: float) -> Activity:
@@ -71,12 +84,18 @@ def log_variances(activity: Activity) -> list[float]:
     return [max(axis.log_variance, least) for axis in activity]
 
 
-def update_lasting(
-    lasting: tuple[float, float, float], latent: Sequence[float], levels: Sequence[float], dt_s: float
-) -> tuple[float, float, float]:
-    """The mean of the latent force after `dt_s`; `levels`: `log_variances`."""
+def update_means(means: LatentMeans, latent: Sequence[float], levels: Sequence[float], dt_s: float) -> LatentMeans:
+    """Means of the latent force after `dt_s`; `levels`: `log_variances`."""
+    lasting_s = [MEMORY_S * a for a in levels]
+    steady_s = [max(pair) for pair in zip(lasting_s, STEADY_S, strict=True)]
+    return LatentMeans(
+        _update_mean(means.lasting, latent, lasting_s, dt_s), _update_mean(means.steady, latent, steady_s, dt_s)
+    )
+
+
+def _update_mean(mean: Wrench, latent: Sequence[float], over_s: Sequence[float], dt_s: float) -> Wrench:
     X, Y, N = (
-        mean + (d - mean) * (-math.expm1(-dt_s / (MEMORY_S * a)) if a else 1.0)
-        for mean, d, a in zip(lasting, latent, levels, strict=True)
+        m + (d - m) * (-math.expm1(-dt_s / time_s) if time_s else 1.0)
+        for m, d, time_s in zip(mean, latent, over_s, strict=True)
     )
     return X, Y, N

@@ -1,6 +1,8 @@
 """The time update of the filter: vessel model, thruster lag, process noise.
 
 latent force, heading wander: first-order Gauss-Markov, d' = d exp(-dt / T), stationary sigma
+the latent force's variance, a its activity:
+    sigma_rest^2 + (share |B| |f|)^2 + (e^a - 1) sigma_lively^2,      e^a sigma^2 where the vessel file states sigma
 biases: random walk; errors of the other sensors: as their `Sensor.error_states` say; roll and pitch: `tilt`
 u v r: white acceleration on top of the latent force
 """
@@ -28,7 +30,7 @@ from companion.core.estimation.filter_state import (
     FilterState,
 )
 from companion.core.estimation.kalman import KalmanEquations
-from companion.core.estimation.latent_activity import log_variances, update_lasting
+from companion.core.estimation.latent_activity import log_variances, update_means
 from companion.core.estimation.model_confidence import is_in_doubt
 from companion.core.estimation.process import Process
 from companion.core.estimation.tilt import advance_tilt
@@ -47,7 +49,8 @@ def noise_model(imu: Imu, tuning: EstimatorTuning, errors: Sequence[ErrorState],
     """
     n = B_RANGE + len(errors)
     time_s = np.full(n, np.inf)
-    time_s[LATENT], time_s[B_PSI] = tuning.latent_time_s, imu.heading_wander_time_s
+    time_s[LATENT] = tuning.lively_time_s if tuning.model_error else tuning.latent_time_s
+    time_s[B_PSI] = imu.heading_wander_time_s
     stationary, walk = np.zeros(n), np.zeros(n)
     stationary[LATENT] = tuning.wary_latent_sigma if wary else tuning.latent_sigma
     stationary[B_PSI] = imu.heading_wander_sigma_rad
@@ -79,6 +82,10 @@ class Predictor:
     ):
         self._process, self._lag_s, self._slew_N_s = process, model.lag_s, model.slew_N_s
         self._tuning, self._algebra = tuning, algebra
+        self._lively_variance = np.square(tuning.lively_sigma)
+        actuators = model.actuators
+        self._directions = np.abs(actuators.directions if actuators else model.B)
+        self._thrusts = actuators.thrust_places if actuators else slice(None)
         self._noise, self._wary = (noise_model(imu, tuning, errors, wary=w) for w in (False, True))
 
     def to(self, belief: FilterState, t_ns: int, commands: tuple[TimedCommand, ...]) -> FilterState:
@@ -96,7 +103,11 @@ class Predictor:
         f_n, mean_n = lagged(belief.f_n, command_n, dt_s, self._lag_s, self._slew_N_s)
         decay, q = (self._wary if is_in_doubt(belief, self._tuning) else self._noise)(dt_s)
         levels = log_variances(belief.activity)
-        q[LATENT] *= np.exp(levels)
+        if self._tuning.model_error:
+            q[LATENT] *= np.exp(levels)
+        else:
+            q[LATENT] += (1 - decay[LATENT] ** 2) * np.square(self._tuning.thrust_share * self._reach_n(mean_n))
+            q[LATENT] += np.expm1(levels) * self._lively_variance * -math.expm1(-2 * dt_s / self._tuning.lively_time_s)
         drive = self._process.drive(mean_n)
         x = belief.x * decay
         F = np.diag(decay)
@@ -108,8 +119,12 @@ class Predictor:
         if not seen:
             q[TILT] += self._tuning.unseen_tilt_rad_sqrt_s**2 * dt_s
         P = self._algebra.predict(belief.P, x, F, np.diag(q))
-        lasting = update_lasting(belief.lasting, x[LATENT].tolist(), levels, dt_s)
-        return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n, lasting=lasting)
+        means = update_means(belief.latent_means, x[LATENT].tolist(), levels, dt_s)
+        return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n, latent_means=means)
+
+    def _reach_n(self, f_n: np.ndarray) -> np.ndarray:
+        """X, Y [N], N [N m] of thrusts f with all signs alike, |B| |f|; of thrusters that turn, in any direction."""
+        return self._directions @ np.abs(f_n[self._thrusts])
 
 
 def _rates(belief: FilterState, t_ns: int) -> tuple[float, float]:

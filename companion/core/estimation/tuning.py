@@ -25,12 +25,21 @@ POSITION_GATE = GateRule(limit=3.72, floor=0.15, ceiling=0.70, reopen_count=3, r
 class EstimatorTuning(Table, frozen=True, kw_only=True):
     """Process noise, trust and health limits of the extended Kalman filter."""
 
-    latent_force_sigma_n: float = 3.0
-    """Stationary sigma of the latent surge and sway force [N]; tuned."""
-    latent_moment_sigma_nm: float = 1.5
-    """Stationary sigma of the latent yaw moment [N m]; tuned."""
-    latent_time_s: float = 8.0
-    """Correlation time of the latent force [s]; tuned: mass errors act as long as a manoeuvre."""
+    rest_force_sigma_n: float = 1.0
+    """Stationary sigma of the latent surge and sway force of a boat without thrust [N]; tuned."""
+    rest_moment_sigma_nm: float = 0.5
+    """The same of the yaw moment [N m]; tuned."""
+    thrust_share: float = 0.5
+    """So much of |B| |f|, the thrusters' force with signs left out, adds to them: what a model leaves out shows more
+    in a boat that is driven than in one on station. Tuned."""
+    latent_time_s: float = 20.0
+    """Correlation time of the latent force [s]; tuned: errors of the model act as long as a manoeuvre."""
+    lively_force_sigma_n: float = 3.0
+    """Sigma of the latent surge and sway force that nothing is known of, and the unit of its activity [N]; tuned."""
+    lively_moment_sigma_nm: float = 1.5
+    """The same of the yaw moment [N m]; tuned."""
+    lively_time_s: float = 8.0
+    """Correlation time of it, and of what the vessel file states [s]; tuned."""
     accel_walk_m_s2_sqrt_s: float = 0.002
     """White acceleration that neither model nor latent force explain, surge and sway; tuned."""
     yaw_walk_rad_s2_sqrt_s: float = 0.002
@@ -71,7 +80,7 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     restart_gap_s: float = 10.0
     """After such a silence of all sensors the filter starts afresh; assumed."""
     model_error: ModelError | None = None
-    """The latent force's sigma by axis, where the vessel file states it; None: the two numbers above."""
+    """The latent force's sigma by axis, if the vessel file states it; None: that at rest and the thrusters' share."""
     doubt_limit: float = 40.0
     """Cumulative sum of the ranges' surprise at which the file's word is no longer taken (`trust`). Assumed: by chance
     once in ten hours at four ranges a second, within 7 s where d2 has a mean of 3."""
@@ -87,17 +96,22 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
 
     @property
     def latent_sigma(self) -> tuple[float, float, float]:
-        """Stationary sigma of the latent force X, Y [N] and moment N [N m]."""
+        """Stationary sigma of the latent force X, Y [N] and moment N [N m], without what thrust adds."""
         if e := self.model_error:
             return e.X_sigma_N, e.Y_sigma_N, e.N_sigma_N_m
-        return self._own_sigma
+        return self.rest_force_sigma_n, self.rest_force_sigma_n, self.rest_moment_sigma_nm
+
+    @property
+    def lively_sigma(self) -> tuple[float, float, float]:
+        """The same of the unit of activity: where the file states the model's error, that."""
+        return self.latent_sigma if self.model_error else self._unknown_sigma
 
     @property
     def wary_latent_sigma(self) -> tuple[float, float, float]:
         """The same where innovations contradict the file's `model_error`: the larger of the two for each axis."""
-        X, Y, N = (max(own, file) for own, file in zip(self._own_sigma, self.latent_sigma, strict=True))
+        X, Y, N = (max(own, file) for own, file in zip(self._unknown_sigma, self.latent_sigma, strict=True))
         return X, Y, N
 
     @property
-    def _own_sigma(self) -> tuple[float, float, float]:
-        return self.latent_force_sigma_n, self.latent_force_sigma_n, self.latent_moment_sigma_nm
+    def _unknown_sigma(self) -> tuple[float, float, float]:
+        return self.lively_force_sigma_n, self.lively_force_sigma_n, self.lively_moment_sigma_nm

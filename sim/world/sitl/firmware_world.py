@@ -10,17 +10,21 @@ Bytes that the firmware has sent before a servo packet are read before that pack
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
 import socket
 import struct
 import subprocess
 import time
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import IO
 
 from companion.core.messages import GroundTruth
+from companion.python_child import end_with
 from sim.world.sitl.backend import JsonBackend
 from sim.world.sitl.physics import SitlPhysics
 from sim.world.sitl.protocol import PORT, NotServos, decode
@@ -225,4 +229,7 @@ def _start(firmware: FirmwareSetup, setup: WorldSetup, instance: int, out: IO[by
     home = f"{site.lat_deg},{site.lon_deg},0,0"
     words = [firmware.binary, "--model", "JSON:127.0.0.1", "--home", home, "--speedup", 1000, f"-I{instance}", "-w",
              "--defaults", files]  # fmt: skip
-    return subprocess.Popen([*map(str, words)], cwd=folder, stdout=out, stderr=subprocess.STDOUT)
+    ends_with_us = partial(end_with, os.getpid(), signal.SIGKILL)  # else that of a killed run would answer the next
+    return subprocess.Popen(
+        [*map(str, words)], cwd=folder, stdout=out, stderr=subprocess.STDOUT, preexec_fn=ends_with_us
+    )

@@ -141,11 +141,12 @@ class MotionMonitor(Monitor[MotionState]):
         sigma = math.hypot(SLIP_SIGMA_M_S, SPEED_SHARE * math.hypot(modelled[0], modelled[1]))
         is_known = belief.settled
         beyond = state.beyond + 1 if is_known and math.hypot(north, east) > SIGMAS * sigma else 0
-        forced = state.forced + 1 if (np.abs(belief.lasting) > self._force_n).any() else 0
+        lasting = belief.latent_means.lasting
+        forced = state.forced + 1 if (np.abs(lasting) > self._force_n).any() else 0
         state = replace(state, slip_m_s=(north, east), beyond=beyond, forced=forced)
         if state.findings:
             return state, _report(state)
-        if not (text := _sentence(state, belief.lasting, self._words, LIMIT if is_known else UNSETTLED * LIMIT)):
+        if not (text := _sentence(state, lasting, self._words, LIMIT if is_known else UNSETTLED * LIMIT)):
             return state, NOTHING
         if view.thrusters_suspected:
             text += f"; suspected before: {view.thrusters_suspected}"

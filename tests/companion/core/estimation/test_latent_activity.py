@@ -9,10 +9,13 @@ from companion.core.estimation.latent_activity import (
     CALM,
     MOST,
     SPREAD,
+    STEADY_S,
     UNKNOWN,
     AxisActivity,
+    LatentMeans,
     log_variances,
     update_activity,
+    update_means,
 )
 
 DT_S = 0.02
@@ -69,3 +72,22 @@ def test_it_stays_within_its_bounds(samples):
         activity = update_activity(activity, (0, 1, 2), (z, -z, 0.0), dt_s)
     for axis in activity:
         assert 0.0 <= axis.log_variance <= MOST and np.isfinite(axis.mean)
+
+
+@pytest.mark.parametrize("dt_s", [0.01, 0.1])
+def test_a_controller_plans_against_what_stays_and_monitors_see_a_push_at_once_in_calm_water(dt_s):
+    means = LatentMeans()
+    for _ in range(round(STEADY_S[0] / dt_s)):
+        means = update_means(means, (4.0, -2.0, 1.0), (0.0, 0.0, 0.0), dt_s)
+        assert means.lasting == (4.0, -2.0, 1.0)
+    part = 1 - np.exp(-1)
+    assert means.steady == pytest.approx((4.0 * part, -2.0 * part, 1.0))
+
+
+def test_in_waves_both_are_means():
+    means = LatentMeans()
+    for k in range(1000):
+        push = 30.0 * np.sin(2.5 * k * DT_S)
+        means = update_means(means, (5.0 + push, push, 0.1 * push), (MOST, MOST, MOST), DT_S)
+    assert means.lasting == pytest.approx((5.0, 0.0, 0.0), abs=3.0)
+    assert means.steady == pytest.approx((5.0, 0.0, 0.0), abs=3.0)

@@ -23,7 +23,7 @@ SURE = replace(BASE, model_error=ModelError(X_sigma_N=0.8, Y_sigma_N=0.6, N_sigm
 
 
 def test_without_it_the_filter_goes_by_its_own_tuning():
-    assert Estimator(BASE, basin()).tuning.latent_sigma == (3.0, 3.0, 1.5)
+    assert Estimator(BASE, basin()).tuning.latent_sigma == (1.0, 1.0, 0.5)
     assert Estimator(SURE, basin()).tuning.latent_sigma == (0.8, 0.6, 0.3)
 
 
@@ -47,7 +47,7 @@ def test_an_exact_model_that_is_trusted_estimates_better_and_is_consistent():
     for run in (simulate(seed, disturbed=False, seconds=60.0) for seed in (13, 14)):
         plain, sure = (estimate(run, Estimator(v, basin())) for v in (BASE, SURE))
         rms = [np.sqrt((s.error**2).mean(axis=0)) for s in (plain, sure)]
-        assert (rms[1][3:5] < [0.6 * rms[0][3], 0.35 * rms[0][4]]).all()  # observed: 0.38 to 0.47 and 0.16 to 0.24
+        assert (rms[1][3:5] < [0.6 * rms[0][3], 0.35 * rms[0][4]]).all()  # observed: 0.49, 0.56 and 0.30, 0.33
         assert sure.state.history[-1].belief.doubt < 10.0
         nees.append(sure.nees.mean())
     assert 3.0 < np.mean(nees) < 7.5

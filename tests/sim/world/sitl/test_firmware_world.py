@@ -1,15 +1,19 @@
 """Missions on a real ArduPilot in software: what matters of them, where ARDUROVER names one."""
 
 import math
+import subprocess
+import sys
 from contextlib import closing
 from pathlib import Path
 
+import psutil
 import pytest
 
 from sim.world.sitl.firmware_world import FirmwareSetup, FirmwareStopped, FirmwareWorld
 from sim.world.world import WorldSetup
 from tests.evidence.main_job.parts import drive_mission, reference_boat
 from tests.support.autopilots.firmware_rig import binaries, firmware_world
+from tests.support.boat_processes import wait_for
 
 
 def basin():
@@ -33,3 +37,25 @@ def test_the_mission_without_and_with_gps(binary, gps, tmp_path):
 def test_a_program_that_is_no_firmware_is_said_to_be_so(tmp_path):
     with pytest.raises(FirmwareStopped, match="does not listen"):
         FirmwareWorld(basin(), 1, FirmwareSetup(Path("/bin/true"), tmp_path))
+
+
+BEGINS = """
+import sys
+from pathlib import Path
+from sim.world.sitl.firmware_world import FirmwareSetup, FirmwareWorld
+from tests.sim.world.sitl.test_firmware_world import basin
+FirmwareWorld(basin(), 1, FirmwareSetup(Path(sys.argv[1]), Path(sys.argv[2])))
+"""
+
+
+def test_a_firmware_ends_with_a_run_that_is_killed(tmp_path):
+    """Else it keeps its ports, and the next run speaks to it."""
+    program, number = tmp_path / "firmware", tmp_path / "number"
+    program.write_text(f"#!/bin/sh\ntrap '' TERM\necho $$ > {number}.part; mv {number}.part {number}\nexec sleep 60\n")
+    program.chmod(0o755)
+    words = [sys.executable, "-c", BEGINS, program, tmp_path]
+    with subprocess.Popen(list(map(str, words)), cwd=Path(__file__).parents[4]) as run:
+        wait_for(number.exists, 60.0, lambda: "no firmware began")
+        firmware = psutil.Process(int(number.read_text()))
+        run.kill()
+    assert not psutil.wait_procs([firmware], timeout=20)[1]

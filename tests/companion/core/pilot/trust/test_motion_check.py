@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
+from companion.core.estimation.latent_activity import LatentMeans
 from companion.core.messages import Innovation
 from companion.core.pilot.trust.motion_check import FORCE_TICKS, SLIP_TICKS, MotionMonitor, MotionState
 from companion.core.pilot.trust.thruster_monitor import ThrusterState
@@ -29,7 +30,7 @@ def test_what_was_suspected_stands_in_the_reason_of_the_stop(suspected):
 
 
 S = 1_000_000_000
-AT_REST = SimpleNamespace(since_ns=-10 * S, x=[0.0] * 6, lasting=(0.0, 0.0, 0.0), settled=True)
+AT_REST = SimpleNamespace(since_ns=-10 * S, x=[0.0] * 6, latent_means=LatentMeans(), settled=True)
 
 
 def contradicted_after_s(rate_Hz, d2, cycles=200, one_by_one=False):

@@ -229,7 +229,7 @@ def _start(firmware: FirmwareSetup, setup: WorldSetup, instance: int, out: IO[by
     home = f"{site.lat_deg},{site.lon_deg},0,0"
     words = [firmware.binary, "--model", "JSON:127.0.0.1", "--home", home, "--speedup", 1000, f"-I{instance}", "-w",
              "--defaults", files]  # fmt: skip
-    ends_with_us = partial(end_with, os.getpid(), signal.SIGKILL)  # else that of a killed run would answer the next
     return subprocess.Popen(
-        [*map(str, words)], cwd=folder, stdout=out, stderr=subprocess.STDOUT, preexec_fn=ends_with_us
-    )
+        [*map(str, words)], cwd=folder, stdout=out, stderr=subprocess.STDOUT,
+        preexec_fn=partial(end_with, os.getpid(), signal.SIGKILL),  # noqa: PLW1509 - else a killed run's answers the next
+    )  # fmt: skip

@@ -8,6 +8,7 @@ does not decide, the filter waits and gives the reason.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 
@@ -46,8 +47,8 @@ ENOUGH, SHARE = 8, 0.6
 
 @dataclass(frozen=True, slots=True)
 class FilterStart:
-    """What is known before the filter runs. `readings`: the last ranges of each anchor, the newest first; `fix`:
-    (t_ns, north, east) of the body origin by a sensor of positions.
+    """What is known before the filter runs. `readings`: the last ranges of each anchor, the newest first; `heading`:
+    None if it is left out; `fix`: (t_ns, north, east) of the body origin by a sensor of positions.
     """
 
     readings: tuple[tuple[AnchorHistory, ...], ...]
@@ -75,7 +76,7 @@ class Starter:
     ) -> tuple[FilterStart, FilterState | None]:
         """What is known after a message, and the first belief once there is enough."""
         if isinstance(m, Attitude):
-            return replace(start, heading=m), None
+            return replace(start, heading=None if math.isnan(m.psi_rad) else m), None
         if isinstance(m, UwbRanges):
             readings = list(start.readings)
             for i, range_m in ((self._number[r.anchor], r.range_m) for r in m.ranges if r.anchor in self._number):
@@ -123,7 +124,7 @@ class Starter:
         """The first belief at a place, if there is a heading; of a sensor of positions, if a fix before agrees."""
         heading = start.heading
         if heading is None:
-            return replace(start, reason="no heading from the autopilot yet"), None
+            return replace(start, reason="no heading from the autopilot"), None
         turned = (t_ns - heading.t_ns) * 1e-9 * heading.r_rad_s
         heading = msgspec.structs.replace(heading, psi_rad=heading.psi_rad + turned)
         u, tilt = self._sensors.position, Tilt(heading.phi_rad, heading.theta_rad)

@@ -6,7 +6,8 @@
 s: share of full thrust, lately; the thrusters' currents turn a compass.
 
 Which of the two is wrong is asked of a third: the yaw rate that the commanded moment makes of the model alone.
-A heading that jumps farther than any boat turns is left out at once.
+A heading that jumps farther than any boat turns is left out at once. Before the filter runs it may jump: an autopilot
+that has just started finds its heading, and the filter begins with what it has found.
 """
 
 from __future__ import annotations
@@ -90,7 +91,9 @@ class TurnReadings:
 
 @dataclass(frozen=True)
 class HeadingState:
-    """`now`: the sums; `past`: at the last ticks; `contradicted`: ticks in a row; `jumped`: heading is left out."""
+    """`now`: the sums; `past`: at the last ticks, none before the filter runs; `contradicted`: ticks in a row;
+    `jumped`: heading is left out.
+    """
 
     now: Turn | None = None
     readings: TurnReadings = TurnReadings()
@@ -129,7 +132,7 @@ class HeadingMonitor(Monitor[HeadingState]):
         tilt = Tilt(sensed.phi_rad, sensed.theta_rad)
         turn, by_gyro = ssa(sensed.psi_rad - before.psi_rad), yaw_rate(tilt, sensed.q_rad_s, sensed.r_rad_s) * dt_s
         now = Turn(sensed.t_ns, before.psi_rad + turn, before.gyro_rad + by_gyro, before.model_rad)
-        if not state.jumped and abs(turn - by_gyro) > JUMP_RAD:
+        if state.past and not state.jumped and abs(turn - by_gyro) > JUMP_RAD:
             text = f"heading jumped by {math.degrees(turn):.0f} degrees: left out until the next start (compass?)"
             alerts = (Alert(t_ns=t_ns, level="error", text=text),)
             finding = Finding("sensor", "heading", text, t_ns)

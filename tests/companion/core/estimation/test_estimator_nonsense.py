@@ -26,6 +26,18 @@ def test_numbers_that_are_not_finite_start_the_filter_afresh(run, estimator) -> 
     assert "no longer finite" in e.reason
 
 
+def test_a_heading_that_is_left_out_starts_nothing(run, estimator) -> None:
+    """It waits for the next one, and does not begin without one time and again."""
+    state, cut = estimator.initial(), 800
+    for m in run.messages[:cut]:
+        state, _ = estimator.step(state, msgspec.structs.replace(m, psi_rad=math.nan) if isinstance(m, Attitude) else m)
+    e = estimator.estimate(state, run.messages[cut].t_ns)
+    assert e.health == "initialising" and e.reason == "no heading from the autopilot" and state.restarts == 0
+    for m in run.messages[cut : 2 * cut]:
+        state, _ = estimator.step(state, m)
+    assert estimator.estimate(state, m.t_ns).health != "initialising" and state.restarts == 0
+
+
 def test_duplicates_and_the_very_late_are_counted_and_change_nothing(run, estimator) -> None:
     state = estimator.initial()
     for m in run.messages[:1200]:

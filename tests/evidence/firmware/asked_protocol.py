@@ -197,7 +197,7 @@ def files(d: Dialogue) -> Answers:
         size = len(data) or (80 if opcode in (5, 15) else 0)
         head = struct.pack("<HBBBBBBI", 3 * sequence, 0, opcode, size, 0, 0, 0, offset)
         payload = (head + data).ljust(251, b"\0")
-        yield f"file: {name}", d.ask(wire.MAVLink_file_transfer_protocol_message(0, 1, 1, payload), seconds=0.5)
+        yield f"file: {name}", d.ask_file(payload)
 
 
 def missions(d: Dialogue) -> Answers:

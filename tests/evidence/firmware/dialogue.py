@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
+import time
 from collections.abc import Callable, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
@@ -21,6 +22,7 @@ GROUND = (255, 190)
 SETTLE_S = 30.0
 """The firmware's estimator is initialised and its inertial sensors agree by then: 18 s observed."""
 PERIOD_S = 0.1
+PATIENCE_S, FILE_ANSWER = 5.0, "FILE_TRANSFER_PROTOCOL"
 NEUTRAL = [1500] * 4 + [65535] * 4 + [1500] * 4 + [0] * 6
 _UNASKED = re.compile(r"EKF|AHRS|GPS|Barometer|ArduRover|Beginning INS|gate:|[A-Z][0-9a-f]{24}|PreArm: (AHRS|Radio)")
 """What the firmware says by itself: while it settles, its name and that of the board, every 30 s why it would not arm.
@@ -81,6 +83,14 @@ class Dialogue:
         before = len(self.got)
         self.send(message, sender)
         self.wait(seconds)
+        return in_words(self.got[before:])
+
+    def ask_file(self, payload: bytes) -> str:
+        """The same for a file transfer. A firmware has a thread of its own for files, by this machine's clock."""
+        before, end_s = len(self.got), time.monotonic() + PATIENCE_S
+        self.ask(wire.MAVLink_file_transfer_protocol_message(0, 1, 1, payload), seconds=0.5)
+        while time.monotonic() < end_s and not any(m.get_type() == FILE_ANSWER for m in self.got[before:]):
+            self.wait(PERIOD_S)
         return in_words(self.got[before:])
 
     def command(self, number: int, *params: float, seconds: float = 0.3) -> str:

@@ -123,7 +123,7 @@ def base_numbers(folded: VesselFile, full: VesselFile, causes: Sequence[CauseVal
 def with_model_error(vessel: VesselFile, noise: Noise, source: str) -> VesselFile:
     """`vessel` with a model error for the filter: `IN_SAMPLE` diag(M) times the latent acceleration, or more."""
     force = IN_SAMPLE * np.diag(mass_matrix(vessel)) * np.array(noise.latent)
-    X, Y, N = np.maximum(force, LEAST_SHARE * np.array(EstimatorTuning().latent_sigma)).tolist()
+    X, Y, N = np.maximum(force, LEAST_SHARE * np.array(EstimatorTuning().lively_sigma)).tolist()
     error = ModelError(X_sigma_N=round(X, 3), Y_sigma_N=round(Y, 3), N_sigma_N_m=round(N, 3), source=source)
     return replace(vessel, model_error=error)
 

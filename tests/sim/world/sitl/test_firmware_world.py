@@ -2,13 +2,13 @@
 
 import math
 import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
 import psutil
 import pytest
 
+from companion.python_child import python
 from sim.world.sitl.firmware_world import FirmwareSetup, FirmwareStopped, FirmwareWorld
 from sim.world.world import WorldSetup
 from tests.evidence.main_job.parts import drive_mission, reference_boat
@@ -53,8 +53,7 @@ def test_a_firmware_ends_with_a_run_that_is_killed(tmp_path):
     program, number = tmp_path / "firmware", tmp_path / "number"
     program.write_text(f"#!/bin/sh\ntrap '' TERM\necho $$ > {number}.part; mv {number}.part {number}\nexec sleep 60\n")
     program.chmod(0o755)
-    words = [sys.executable, "-c", BEGINS, program, tmp_path]
-    with subprocess.Popen(list(map(str, words)), cwd=Path(__file__).parents[4]) as run:
+    with subprocess.Popen(python("-c", BEGINS, program, tmp_path)) as run:
         wait_for(number.exists, 60.0, lambda: "no firmware began")
         firmware = psutil.Process(int(number.read_text()))
         run.kill()

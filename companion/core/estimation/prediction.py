@@ -1,7 +1,7 @@
 """The time update of the filter: vessel model, thruster lag, process noise.
 
 latent force, heading wander: first-order Gauss-Markov, d' = d exp(-dt / T), stationary sigma
-the latent force's variance, a its activity:
+the latent force's variance, a its activity, |B| |f| the thrusters' force with signs left out:
     sigma_rest^2 + (share |B| |f|)^2 + (e^a - 1) sigma_lively^2,      e^a sigma^2 where the vessel file states sigma
 biases: random walk; errors of the other sensors: as their `Sensor.error_states` say; roll and pitch: `tilt`
 u v r: white acceleration on top of the latent force
@@ -106,8 +106,8 @@ class Predictor:
         if self._tuning.model_error:
             q[LATENT] *= np.exp(levels)
         else:
-            q[LATENT] += (1 - decay[LATENT] ** 2) * np.square(self._tuning.thrust_share * self._reach_n(mean_n))
-            q[LATENT] += np.expm1(levels) * self._lively_variance * -math.expm1(-2 * dt_s / self._tuning.lively_time_s)
+            q[LATENT] += self._of_thrust(mean_n) * (1 - decay[LATENT] ** 2)
+            q[LATENT] += self._of_activity(levels) * -math.expm1(-2 * dt_s / self._tuning.lively_time_s)
         drive = self._process.drive(mean_n)
         x = belief.x * decay
         F = np.diag(decay)
@@ -122,9 +122,13 @@ class Predictor:
         means = update_means(belief.latent_means, x[LATENT].tolist(), levels, dt_s)
         return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n, latent_means=means)
 
-    def _reach_n(self, f_n: np.ndarray) -> np.ndarray:
-        """X, Y [N], N [N m] of thrusts f with all signs alike, |B| |f|; of thrusters that turn, in any direction."""
-        return self._directions @ np.abs(f_n[self._thrusts])
+    def _of_thrust(self, f_n: np.ndarray) -> np.ndarray:
+        """(share |B| |f|)^2, shape (3,), of thruster forces f; of thrusters that turn, in any direction."""
+        return np.square(self._tuning.thrust_share * (self._directions @ np.abs(f_n[self._thrusts])))
+
+    def _of_activity(self, levels: Sequence[float]) -> np.ndarray:
+        """(e^a - 1) sigma_lively^2, shape (3,); `levels`: a by axis, `log_variances`."""
+        return np.expm1(levels) * self._lively_variance
 
 
 def _rates(belief: FilterState, t_ns: int) -> tuple[float, float]:

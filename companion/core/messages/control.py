@@ -86,8 +86,8 @@ Health = Literal["initialising", "healthy", "degraded", "lost"]
 class StateEstimate(Message, frozen=True, kw_only=True):
     """Pose of the body origin in NED, body velocities over ground, biases and disturbance.
 
-    `covariance`: row-major 6 x 6 of [x y psi u v r]. `disturbance_n`: [X N, Y N, N N m] in body axes,
-    in waves their mean over some seconds.
+    `covariance`: row-major 6 x 6 of [x y psi u v r]. `disturbance_n`: [X N, Y N, N N m] in body axes, in surge and sway
+    their mean over 8 s, in yaw over some seconds where waves are.
     """
 
     north_m: float

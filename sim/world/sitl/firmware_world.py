@@ -229,7 +229,8 @@ def _start(firmware: FirmwareSetup, setup: WorldSetup, instance: int, out: IO[by
     home = f"{site.lat_deg},{site.lon_deg},0,0"
     words = [firmware.binary, "--model", "JSON:127.0.0.1", "--home", home, "--speedup", 1000, f"-I{instance}", "-w",
              "--defaults", files]  # fmt: skip
+    # It ends with this process: that of a killed run would keep its ports and answer the next one.
     return subprocess.Popen(
         [*map(str, words)], cwd=folder, stdout=out, stderr=subprocess.STDOUT,
-        preexec_fn=partial(end_with, os.getpid(), signal.SIGKILL),  # noqa: PLW1509 - else a killed run's answers the next
+        preexec_fn=partial(end_with, os.getpid(), signal.SIGKILL),  # noqa: PLW1509 - of the one thread here
     )  # fmt: skip

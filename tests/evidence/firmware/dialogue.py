@@ -23,6 +23,7 @@ SETTLE_S = 30.0
 """The firmware's estimator is initialised and its inertial sensors agree by then: 18 s observed."""
 PERIOD_S = 0.1
 PATIENCE_S, FILE_ANSWER = 5.0, "FILE_TRANSFER_PROTOCOL"
+"""How long [s, this machine's clock] an answer about files is waited for; assumed."""
 NEUTRAL = [1500] * 4 + [65535] * 4 + [1500] * 4 + [0] * 6
 _UNASKED = re.compile(r"EKF|AHRS|GPS|Barometer|ArduRover|Beginning INS|gate:|[A-Z][0-9a-f]{24}|PreArm: (AHRS|Radio)")
 """What the firmware says by itself: while it settles, its name and that of the board, every 30 s why it would not arm.
@@ -88,7 +89,8 @@ class Dialogue:
     def ask_file(self, payload: bytes) -> str:
         """The same for a file transfer. A firmware has a thread of its own for files, by this machine's clock."""
         before, end_s = len(self.got), time.monotonic() + PATIENCE_S
-        self.ask(wire.MAVLink_file_transfer_protocol_message(0, 1, 1, payload), seconds=0.5)
+        self.send(wire.MAVLink_file_transfer_protocol_message(0, 1, 1, payload))
+        self.wait(0.5)
         while time.monotonic() < end_s and not any(m.get_type() == FILE_ANSWER for m in self.got[before:]):
             self.wait(PERIOD_S)
         return in_words(self.got[before:])

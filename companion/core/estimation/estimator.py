@@ -31,8 +31,6 @@ from companion.core.estimation.filter_state import (
     B_ACCEL,
     B_GYRO,
     B_RANGE,
-    LATENT_INDICES,
-    NU_INDICES,
     BufferedMeasurement,
     FilterState,
     Result,
@@ -43,9 +41,8 @@ from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.model_confidence import update_confidence
 from companion.core.estimation.prediction import Predictor
 from companion.core.estimation.process import Process
-from companion.core.estimation.ranging.ranges import decorrelate, inflate
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
-from companion.core.estimation.start import FilterStart, Starter
+from companion.core.estimation.start import FilterStart, Starter, after_gap
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import ssa
 from companion.core.messages import (
@@ -145,7 +142,7 @@ class Estimator:
         t_ns = self.instant_ns(good, state.zero_ns.get(sensor.key))
         if state.history and t_ns - state.history[-1].t_ns > self.tuning.restart_gap_s * 1e9:
             silence_s = (t_ns - state.history[-1].t_ns) * 1e-9
-            state = self._restart(state, f"no sensor message for {silence_s:.0f} s")
+            state = self._restart(state, f"no sensor message for {silence_s:.0f} s", state.history[-1].belief.imu_ns)
         if not state.history:
             return self._begin(state, t_ns, good)
         return self._insert(state, t_ns, good)
@@ -216,7 +213,7 @@ class Estimator:
         for t_ns, m in messages:
             gap = t_ns - belief.t_ns > self.tuning.imu_timeout_s * 1e9
             belief = self._predictor.to(belief, t_ns, state.commands)
-            belief, innovations = self._fuse(self._after_gap(belief) if gap else belief, m)
+            belief, innovations = self._fuse(after_gap(belief, self.tuning) if gap else belief, m)
             entries.append(BufferedMeasurement(t_ns, m, belief))
             first = innovations if first is None else first
         return tuple(entries), first or ()
@@ -230,13 +227,6 @@ class Estimator:
         belief = replace(belief, fixes=belief.fixes + (belief.position_ns == belief.t_ns))
         return replace(belief, settled=is_settled(belief, self.tuning)), innovations
 
-    def _after_gap(self, belief: FilterState) -> FilterState:
-        """The filter state after a gap in all sensors: whatever drove or pushed the boat, velocity is unknown."""
-        tuning = self.tuning
-        sigma = tuning.start_velocity_sigma_m_s, tuning.start_velocity_sigma_m_s, tuning.start_rate_sigma_rad_s
-        P = inflate(decorrelate(belief.P, (*NU_INDICES, *LATENT_INDICES)), NU_INDICES, sigma)
-        return replace(belief, P=P, since_ns=belief.t_ns, fixes=0, settled=False)
-
     def _young(self, history: tuple[BufferedMeasurement, ...]) -> tuple[BufferedMeasurement, ...]:
         """History without what is older than `history_s`, but for one entry to start a replay from."""
         oldest_ns = history[-1].t_ns - round(self.tuning.history_s * 1e9)
@@ -245,9 +235,9 @@ class Estimator:
             first += 1
         return history[first:]
 
-    def _restart(self, state: EstimatorState, reason: str) -> EstimatorState:
-        """State to initialise from afresh; commands and counts are kept."""
-        begun, count = self._starter.initial(), state.restarts + 1
+    def _restart(self, state: EstimatorState, reason: str, imu_ns: int | None = None) -> EstimatorState:
+        """State to initialise from afresh; commands and counts are kept. `imu_ns`: as in FilterStart."""
+        begun, count = self._starter.initial(imu_ns), state.restarts + 1
         return EstimatorState(begun, state.commands, (), state.refused, count, reason, state.zero_ns)
 
     def _nothing(self, state: EstimatorState, t_ns: int) -> StateEstimate:

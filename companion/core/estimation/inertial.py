@@ -2,7 +2,8 @@
 
 IMU       [a_x a_y] at the lever arm, in level axes by the filter's own roll and pitch, plus biases; what roll and pitch
           do at its height is + q_dot z, - p_dot z, by the slopes of the rates
-attitude  psi + b_psi, where b_psi is the slow wander of the autopilot's own estimate, and psi_dot by its rates
+attitude  psi + psi_dot T + b_psi, where b_psi is the slow wander of the autopilot's own estimate, and psi_dot by its
+          rates; heading has not passed the filters that make rates and specific force late by T (`sensors.inertial`)
 
 Specific force and yaw rate have no gate: R of a number whose innovation exceeds the limit grows in proportion to it
 (Huber 1964).
@@ -24,21 +25,23 @@ from companion.core.estimation.filter_state import (
     B_PSI,
     DYNAMIC,
     LATENT_INDICES,
+    NU,
     TILT,
     FilterState,
     R,
     Result,
     innovation_message,
 )
-from companion.core.estimation.gates import judge
+from companion.core.estimation.gates import Gate, judge
 from companion.core.estimation.kalman import KalmanEquations
-from companion.core.estimation.latent_activity import UNKNOWN, log_variances, update_activity
+from companion.core.estimation.latent_activity import AFTER_GAP, UNKNOWN, log_variances, update_activity
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.ranges import inflate
 from companion.core.estimation.tilt import level_jacobian, yaw_rate
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import ssa, to_level
 from companion.core.messages import Attitude, ImuSample
+from companion.core.sensors.inertial import OfTheImu
 
 SHORTEST_S = 0.005
 """Two attitudes closer than that give no slope of the rates; assumed: a quarter of the period at 50 Hz."""
@@ -59,11 +62,20 @@ class Inertial:
         self._attitude_R = np.square([imu.heading_sigma_rad, imu.gyro_sigma_rad_s])
 
     def fuse_imu(self, belief: FilterState, m: ImuSample) -> Result:
-        """One update by a_x, a_y. At the first one, and after a gap, the latent force may be any wave's."""
+        """One update by a_x, a_y. At the first one, and after a gap, the latent force may be any wave's.
+
+        Drag is quadratic: until speed is known, its curvature is part of the equation's error, or two readings that see
+        other slopes tell speed from force as none can.
+        """
         if _since_s(belief.imu_ns, belief.t_ns, math.inf) > self._tuning.imu_timeout_s:
-            sigma = self._tuning.lively_sigma * np.exp(np.divide(log_variances(UNKNOWN), 2))
-            belief = replace(belief, P=inflate(belief.P, LATENT_INDICES, sigma), activity=UNKNOWN)
-        expected, J = self._process.acceleration(belief.x[DYNAMIC], self._process.drive(belief.f_n))
+            activity = UNKNOWN if belief.imu_ns is None else AFTER_GAP
+            sigma = self._tuning.lively_sigma * np.exp(np.divide(log_variances(activity), 2))
+            belief = replace(belief, P=inflate(belief.P, LATENT_INDICES, sigma), activity=activity)
+        drive = self._process.drive(belief.f_n)
+        expected, J = self._process.acceleration(belief.x[DYNAMIC], drive)
+        noise = np.diag(self._accel_R)
+        if not belief.settled:
+            noise = noise + self._process.curvature_variance(belief.x[DYNAMIC], drive, J, belief.P[NU, NU])
         tilt, force = belief.tilt, (m.ax_m_s2, m.ay_m_s2, m.az_m_s2)
         p_dot, q_dot, _ = belief.slopes_rad_s2
         expected = expected + np.array([q_dot, -p_dot]) * self._z_m
@@ -72,11 +84,11 @@ class Inertial:
         H[:, DYNAMIC] = J
         H[:, B_ACCEL] = np.eye(2)
         H[:, TILT] = -level_jacobian(tilt, *force)
-        HPH = H @ belief.P @ H.T
-        S = HPH + np.diag(self._accel_R)
+        S = H @ belief.P @ H.T + noise
         z = nu / np.sqrt(np.diag(S))
         surprise = np.abs(z) / self._tuning.imu_limit
-        x, P = self._algebra.update(belief.x, belief.P, nu, H, np.diag(self._accel_R * np.maximum(surprise, 1.0)))
+        wider = np.sqrt(np.maximum(surprise, 1.0))
+        x, P = self._algebra.update(belief.x, belief.P, nu, H, noise * np.outer(wider, wider))
         innovation = innovation_message(belief.t_ns, "imu", nu, S, bool((surprise <= 1.0).all()))
         activity = update_activity(belief.activity, (0, 1), z.tolist(), _since_s(belief.imu_ns, belief.t_ns))
         return replace(belief, x=x, P=P, imu_ns=belief.t_ns, activity=activity), (innovation,)
@@ -100,14 +112,18 @@ class Inertial:
         if SHORTEST_S <= dt_s <= hold_s:
             slopes = (np.subtract(rates, belief.rates_rad_s) / dt_s).tolist()
         belief = replace(belief, rates_rad_s=rates, rates_ns=belief.t_ns, slopes_rad_s2=tuple(slopes))
-        rate = yaw_rate(belief.tilt, m.q_rad_s, m.r_rad_s + self._tuning.gyro_delay_s * slopes[2])
+        rate, late_s = yaw_rate(belief.tilt, m.q_rad_s, m.r_rad_s), OfTheImu.latency_s
         x, has_heading = belief.x, not math.isnan(m.psi_rad)  # a heading that was left out is none
-        nu = np.array([ssa(m.psi_rad - x[2] - x[B_PSI]) if has_heading else 0.0, rate - x[R] - x[B_GYRO]])
+        heading = ssa(m.psi_rad - x[2] - late_s * x[R] - x[B_PSI]) if has_heading else 0.0
+        nu = np.array([heading, rate - x[R] - x[B_GYRO]])
         H = np.zeros((2, len(x)))
         H[0, 2] = H[0, B_PSI] = H[1, R] = H[1, B_GYRO] = 1.0
+        H[0, R] = late_s
         S = H @ belief.P @ H.T + np.diag(self._attitude_R)
         verdict, gate = "rejected", belief.heading_gate
-        if has_heading:
+        if has_heading and gate.accepted_ns is None:
+            verdict, gate = "accepted", Gate(belief.t_ns)
+        elif has_heading:
             verdict, gate = judge(gate, self._tuning.heading_gate, belief.t_ns, float(nu[0]), math.sqrt(S[0, 0]))
         good, z = verdict != "rejected", float(nu[1]) / math.sqrt(S[1, 1])
         belief = replace(belief, heading_gate=gate, activity=update_activity(belief.activity, (2,), (z,), dt_s))

@@ -48,9 +48,11 @@ class AxisActivity(NamedTuple):
 
 Activity = tuple[AxisActivity, AxisActivity, AxisActivity]
 CALM: Activity = (AxisActivity(), AxisActivity(), AxisActivity())
-_LIVELY = AxisActivity(log_variance=math.log(300.0))
+_LIVELY, _LIVELIEST = AxisActivity(log_variance=math.log(300.0)), AxisActivity(log_variance=MOST)
 UNKNOWN: Activity = (_LIVELY, _LIVELY, _LIVELY)
-"""At the first acceleration, and at that after a gap: it is a wave's until it proves to be none, and no tilt."""
+"""At the first acceleration: it is a wave's until it proves to be none, and no tilt."""
+AFTER_GAP: Activity = (_LIVELIEST, _LIVELIEST, _LIVELIEST)
+"""At the first one after a gap: a boat under way is pushed by waves that its bow meets, and by its thrusters. Tuned."""
 
 
 Wrench = tuple[float, float, float]

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from companion.core.geometry.frames import point_acceleration
-from companion.core.model.integrate import BufferedStep, VesselModel, eta_dot, rk4
+from companion.core.model.integrate import NU, BufferedStep, VesselModel, eta_dot, rk4
 
 STATES = 9
 
@@ -42,6 +42,22 @@ class Process:
     def acceleration(self, s: np.ndarray, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """[a_x a_y] as an unbiased IMU in a level boat would give them, shape (2,), and the Jacobian, shape (2, 9)."""
         return _split(self._acceleration(s, drive), 2)
+
+    def curvature_variance(self, s: np.ndarray, drive: np.ndarray, J: np.ndarray, P_nu: np.ndarray) -> np.ndarray:
+        """Covariance (2, 2) of what the tangent J at s leaves of [a_x a_y] for velocities of covariance P_nu (3, 3).
+
+        By its second-order term, e_k = delta^T A_k delta / 2:   cov(e_k, e_l) = tr(A_k P_nu A_l P_nu) / 2, with A_k L
+        by the change of J along the columns of L, P_nu = L L^T: drag has a kink at rest, where a second derivative
+        tells nothing. Bar-Shalom, Li, Kirubarajan 2001, section 10.3.2 (second-order EKF).
+        """
+        L = np.linalg.cholesky(P_nu)
+        bent = np.empty((2, 3, 3))
+        for i, step in enumerate(L.T):
+            moved = s.copy()
+            moved[NU] += step
+            bent[:, i] = (self.acceleration(moved, drive)[1] - J)[:, NU] @ L
+        bent = (bent + bent.transpose(0, 2, 1)) / 2
+        return np.einsum("kij,lij->kl", bent, bent) / 2
 
 
 def _split(packed: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:

@@ -24,13 +24,21 @@ from companion.core.estimation.filter_state import (
     B_RANGE,
     B_TILT,
     LATENT,
+    LATENT_INDICES,
+    NU_INDICES,
     TILT,
     FilterState,
     Tilt,
 )
 from companion.core.estimation.gates import Gate
 from companion.core.estimation.ranging.multilateration import multilaterate
-from companion.core.estimation.ranging.ranges import FIX_SIGMA_M, PLACE_SIGMA_M, AnchorHistory
+from companion.core.estimation.ranging.ranges import (
+    FIX_SIGMA_M,
+    PLACE_SIGMA_M,
+    AnchorHistory,
+    decorrelate,
+    inflate,
+)
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import origin_position, to_level
 from companion.core.messages import Attitude, Measured, UwbRanges
@@ -48,13 +56,15 @@ ENOUGH, SHARE = 8, 0.6
 @dataclass(frozen=True, slots=True)
 class FilterStart:
     """What is known before the filter runs. `readings`: the last ranges of each anchor, the newest first; `heading`:
-    None if it is left out; `fix`: (t_ns, north, east) of the body origin by a sensor of positions.
+    None if it is left out; `fix`: (t_ns, north, east) of the body origin by a sensor of positions; `imu_ns`: the last
+    IMU sample before a gap that ended the filter before this one.
     """
 
     readings: tuple[tuple[AnchorHistory, ...], ...]
     heading: Attitude | None = None
     fix: tuple[int, float, float] | None = None
     reason: str = ""
+    imu_ns: int | None = None
 
 
 class Starter:
@@ -67,9 +77,9 @@ class Starter:
         self._number = {a.id: i for i, a in enumerate(site.anchors)}
         self._anchors_m = site.anchors_m
 
-    def initial(self) -> FilterStart:
-        """Nothing known."""
-        return FilterStart(((),) * len(self._number), reason=f"waiting for heading and {self._label}")
+    def initial(self, imu_ns: int | None = None) -> FilterStart:
+        """Nothing known, but for when the filter before had its last IMU sample."""
+        return FilterStart(((),) * len(self._number), reason=f"waiting for heading and {self._label}", imu_ns=imu_ns)
 
     def take(
         self, start: FilterStart, t_ns: int, m: Measured, f_n: np.ndarray
@@ -136,7 +146,8 @@ class Starter:
                 return start, None
             if np.hypot(north - before[1], east - before[2]) > self._tuning.start_agreement_m:
                 return replace(start, reason=f"two fixes of {self._label} in a row disagree"), None
-        return start, self._belief(t_ns, (north, east), sigma_m, heading, tilt, f_n)
+        belief = self._belief(t_ns, (north, east), sigma_m, heading, tilt, f_n)
+        return start, msgspec.structs.replace(belief, imu_ns=start.imu_ns)
 
     def _belief(
         self, t_ns: int, origin_m: tuple[float, float], sigma_m: float, heading: Attitude, tilt: Tilt, f_n: np.ndarray
@@ -158,6 +169,17 @@ class Starter:
         rates = (heading.p_rad_s, heading.q_rad_s, heading.r_rad_s)
         return FilterState(
             t_ns=t_ns, x=x, P=P, f_n=f_n, rates_rad_s=rates, rates_ns=t_ns, anchor_gates=(Gate(),) * m,
-            heading_gate=Gate(), position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=None, position_ns=t_ns,
-            ranges_ns=None, since_ns=t_ns,
+            heading_gate=Gate(heading.t_ns), position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=None,
+            position_ns=t_ns, ranges_ns=None, since_ns=t_ns,
         )  # fmt: skip
+
+
+def after_gap(belief: FilterState, tuning: EstimatorTuning) -> FilterState:
+    """The filter state after a gap in all sensors: whatever drove or pushed the boat, velocity is unknown.
+
+    Where yaw is less certain than a heading's gate is wide, the next heading is believed.
+    """
+    sigma = tuning.start_velocity_sigma_m_s, tuning.start_velocity_sigma_m_s, tuning.start_rate_sigma_rad_s
+    P = inflate(decorrelate(belief.P, (*NU_INDICES, *LATENT_INDICES)), NU_INDICES, sigma)
+    gate = Gate() if P[2, 2] > tuning.heading_gate.ceiling**2 else belief.heading_gate
+    return msgspec.structs.replace(belief, P=P, heading_gate=gate, since_ns=belief.t_ns, fixes=0, settled=False)

@@ -7,7 +7,6 @@ model off by up to 10 %.
 
 from __future__ import annotations
 
-from companion.core.configuration.imu_filters import PROVISIONED_HZ, low_pass_delay_s
 from companion.core.configuration.tables import Table
 from companion.core.configuration.vessel_file import ModelError
 from companion.core.sensors.sensor import GateRule
@@ -51,9 +50,6 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     gyro_drift_rad_s_sqrt_s: float = 1e-4
     """Random walk of a gyro's bias on top of the file's. A board that warms up drifts steadily: ArduPilot's simulated
     one by 0.05 deg/s a minute (SIM_DRIFT_SPEED), which a walk of 5e-5 follows too late (cross-track error 0.09 m)."""
-    gyro_delay_s: float = low_pass_delay_s(PROVISIONED_HZ)
-    """The yaw rate is so late behind INS_GYRO_FILTER as `aritra provision` sets it. Roll and pitch need no correction:
-    specific force is as late as their rates."""
     rates_hold_s: float = 0.2
     """Roll and pitch rate are held so long after the last attitude; assumed: a tenth of a wave's period."""
     unseen_tilt_rad_sqrt_s: float = 0.05
@@ -92,7 +88,7 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     at one of them: speed is known to 0.2 m/s then. `settle_most_s` ends it in any case. Assumed."""
     settle_fixes: int = 4
     settled_velocity_sigma_m_s: float = 0.045
-    settle_most_s: float = 12.0
+    settle_most_s: float = 20.0
 
     @property
     def latent_sigma(self) -> tuple[float, float, float]:

@@ -1,4 +1,8 @@
-"""IMU and attitude of the autopilot. Their equations in the filter: `estimation.inertial`."""
+"""IMU and attitude of the autopilot. Their equations in the filter: `estimation.inertial`.
+
+Specific force and rates are older than their stamp by the delay of the autopilot's low-pass filters
+(`configuration.imu_filters`), as `aritra provision` sets them; heading has not passed them.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import math
 
 from msgspec.structs import replace
 
+from companion.core.configuration.imu_filters import PROVISIONED_HZ, low_pass_delay_s
 from companion.core.configuration.sensors import Imu
 from companion.core.geometry.frames import ssa
 from companion.core.messages import Attitude, ImuSample
@@ -24,6 +29,7 @@ class OfTheImu(Sensor):
     """What has its place and its known errors in the table `imu`."""
 
     key, aids = "imu", False
+    latency_s = low_pass_delay_s(PROVISIONED_HZ)
 
     def __init__(self, imu: Imu):
         self._imu, self._exact, self.rate_Hz = imu, not knows_imu_errors(imu), imu.rate_Hz

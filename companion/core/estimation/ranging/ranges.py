@@ -56,13 +56,15 @@ class RangeModel(NamedTuple):
 class RangeMeasurement(NamedTuple):
     """One range: number of its anchor, and how the filter that gets it predicts ranges and finds places.
 
-    `model`: anchor, state -> h and its row; `find`: state -> the nearest place that the ranges explain, or None.
+    `model`: anchor, state -> h and its row; `find`: state -> the nearest place that the ranges explain, or None;
+    `regains`: it fits the place on which ranges agree, of a boat whose own is lost: no gate knows better.
     """
 
     anchor: int
     range_m: float
     model: Callable[[int, np.ndarray], RangeModel]
     find: Callable[[np.ndarray], tuple[float, float] | None]
+    regains: bool = False
 
 
 class OtherAnchors(NamedTuple):
@@ -109,7 +111,9 @@ class RangeFusion:
         """Judge a range by its anchor's gate and, unless it is rejected, update x and P with it."""
         R = np.array([[self.sigma_m**2]])
         at, nu, S = self.innovation(x, P, m)
-        verdict, gate = judge(gates[m.anchor], self.rule, t_ns, nu, math.sqrt(S))
+        verdict, gate = "accepted", Gate(t_ns)
+        if not m.regains:
+            verdict, gate = judge(gates[m.anchor], self.rule, t_ns, nu, math.sqrt(S))
         if verdict == "rejected":
             return RangeUpdate(x, P, gate, verdict, nu, S)
         correction = nu

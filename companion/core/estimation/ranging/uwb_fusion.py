@@ -30,6 +30,7 @@ from companion.core.estimation.ranging.ranges import (
     explained_places,
     inflate,
     line_of_sight,
+    position_sigma_m,
     recent_anchors,
     relocate,
 )
@@ -71,6 +72,8 @@ class UwbFusion:
         arm = self.arm(belief)
         model, find = partial(self.range_model, arm), partial(self._find, tuple(latest), belief.t_ns, arm)
         left = [RangeMeasurement(i, range_m, model, find) for i, range_m in known]
+        if position_sigma_m(LAYOUT, P) > HEALTH.degraded_sigma_m:
+            left = self._regaining(replace(belief, latest=tuple(latest)), arm, left)
         while left:
             one = left.pop(self._ranges.best(x, P, left))
             fused = self._ranges.fuse(x, P, gates, one, belief.t_ns)
@@ -86,6 +89,35 @@ class UwbFusion:
             ranges_ns=belief.t_ns if known else belief.ranges_ns, displaced_ns=displaced_ns,
         )  # fmt: skip
         return self._agreed(after, arm), tuple(innovations)
+
+    def _regaining(
+        self, belief: FilterState, arm: tuple[float, float, float], ranges: Sequence[RangeMeasurement]
+    ) -> list[RangeMeasurement]:
+        """The ranges of a boat whose place is lost, seen from the only one that all but one at hand agree on, if so.
+
+        From metres away the directions of the anchors are others, and gates would reject what is right.
+        """
+        use = recent_anchors(belief.latest, belief.t_ns, self._tuning.fix_window_s)
+        places = self._agreed_places(belief, arm, use) if len(use) >= 3 else []
+        if len(places) != 1:
+            return list(ranges)
+        there = np.array([*places[0], *belief.x[2:]])
+        model = partial(self._model_near, there, arm)
+        return [
+            m._replace(model=model, regains=True) if self._fits(there, arm, [(m.anchor, m.range_m)]) else m
+            for m in ranges
+        ]
+
+    def _model_near(self, there: np.ndarray, arm: tuple[float, float, float], anchor: int, x: np.ndarray) -> RangeModel:
+        """`range_model` at x by its tangent at the state `there`."""
+        at = self.range_model(arm, anchor, there)
+        return RangeModel(at.h + float(at.row @ (x - there)), at.row)
+
+    def _agreed_places(
+        self, belief: FilterState, arm: tuple[float, float, float], use: Sequence[int]
+    ) -> list[tuple[float, float]]:
+        """Places of the body origin that all ranges of the anchors `use`, but one at most, agree on; three at least."""
+        return self._places(belief.latest, belief.t_ns, arm, belief.x, max(3, len(use) - 1))
 
     def _agreed(self, belief: FilterState, arm: tuple[float, float, float]) -> FilterState:
         """The filter state moved to the only place that the ranges at hand, all but one at most, agree on.
@@ -103,7 +135,7 @@ class UwbFusion:
         accepted = [(i, seen.range_m) for i in use if i not in rejecting and (seen := belief.latest[i])]
         places = [
             place
-            for place in self._places(belief.latest, belief.t_ns, arm, belief.x, max(3, len(use) - 1))
+            for place in self._agreed_places(belief, arm, use)
             if self._fits(np.array([*place, *belief.x[2:]]), arm, accepted)
         ]
         if len(places) != 1:

@@ -14,6 +14,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
+from companion.core.configuration.imu_filters import PROVISIONED_HZ, low_pass_delay_s
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.estimator import Estimator, EstimatorState
@@ -27,6 +28,7 @@ G = 9.80665
 GYRO_DRIFT_RAD_S2 = math.radians(0.05) / 60
 """As fast as the gyros of a board that warms up, at most: SIM_DRIFT_SPEED of ArduPilot's simulator, 0.05 deg/s/min."""
 SITE = Path(__file__).resolve().parents[4] / "deploy" / "sites" / "basin.toml"
+LATE_S = low_pass_delay_s(PROVISIONED_HZ)
 PATHS = ("square", "eight", "circle")
 
 
@@ -143,7 +145,9 @@ def simulate(
 
 
 def _autopilot(rng, t_ns, level, r, psi, tilt, b_a, b_g) -> list[tuple[int, Message]]:
-    """IMU sample and attitude of one instant; the IMU feels gravity through roll and pitch."""
+    """IMU sample and attitude; the IMU feels gravity through roll and pitch. Both are stamped as late as an autopilot's
+    filters make all but heading.
+    """
     imu = boat("aritra").sensors.imu
     (phi, theta), (phi_dot, theta_dot) = tilt
     cp, sp, ct, st = math.cos(phi), math.sin(phi), math.cos(theta), math.sin(theta)
@@ -153,8 +157,9 @@ def _autopilot(rng, t_ns, level, r, psi, tilt, b_a, b_g) -> list[tuple[int, Mess
     force += rng.normal(0, imu.accel_sigma_m_s2, 3)
     gyro = r * ct * cp - theta_dot * sp + b_g[2] + rng.normal(0, imu.gyro_sigma_rad_s)
     p, q = np.array([phi_dot - r * st, theta_dot * cp + r * ct * sp]) + b_g[:2] + rng.normal(0, imu.gyro_sigma_rad_s, 2)
-    heading = (psi + rng.normal(0, imu.heading_sigma_rad) + math.pi) % (2 * math.pi) - math.pi
+    heading = (psi + r * LATE_S + rng.normal(0, imu.heading_sigma_rad) + math.pi) % (2 * math.pi) - math.pi
     roll, pitch = tilt[0] + rng.normal(0, 0.002, 2)
+    t_ns += round(LATE_S * 1e9)
     rx = t_ns + 5_000_000
     return [
         (rx, ImuSample(t_ns=t_ns, t_rx_ns=rx, ax_m_s2=force[0], ay_m_s2=force[1], az_m_s2=force[2],

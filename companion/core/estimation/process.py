@@ -47,17 +47,18 @@ class Process:
         """Covariance (2, 2) of what the tangent J at s leaves of [a_x a_y] for velocities of covariance P_nu (3, 3).
 
         By its second-order term, e_k = delta^T A_k delta / 2:   cov(e_k, e_l) = tr(A_k P_nu A_l P_nu) / 2, with A_k L
-        by the change of J along the columns of L, P_nu = L L^T: drag has a kink at rest, where a second derivative
-        tells nothing. Bar-Shalom, Li, Kirubarajan 2001, section 10.3.2 (second-order EKF).
+        by the change of J along the columns of L, P_nu = L L^T, ahead and astern (the mean of both): drag has a kink at
+        rest, where a second derivative tells nothing. Bar-Shalom, Li, Kirubarajan 2001, section 10.3.2.
         """
         L = np.linalg.cholesky(P_nu)
-        bent = np.empty((2, 3, 3))
-        for i, step in enumerate(L.T):
-            moved = s.copy()
-            moved[NU] += step
-            bent[:, i] = (self.acceleration(moved, drive)[1] - J)[:, NU] @ L
-        bent = (bent + bent.transpose(0, 2, 1)) / 2
-        return np.einsum("kij,lij->kl", bent, bent) / 2
+        bent = np.empty((2, 2, 3, 3))
+        for side, sign in enumerate((1.0, -1.0)):
+            for i, column in enumerate(L.T):
+                moved = s.copy()
+                moved[NU] += sign * column
+                bent[side, :, i] = (self.acceleration(moved, drive)[1] - J)[:, NU] @ L
+        bent = (bent + bent.swapaxes(2, 3)) / 2
+        return np.einsum("skij,slij->kl", bent, bent) / 4
 
 
 def _split(packed: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:

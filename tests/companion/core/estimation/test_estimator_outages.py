@@ -6,12 +6,14 @@ import msgspec
 import numpy as np
 import pytest
 
+from companion.core.configuration.imu_filters import PROVISIONED_HZ, low_pass_delay_s
 from companion.core.estimation.estimator import Estimator
-from companion.core.estimation.filter_state import B_RANGE
+from companion.core.estimation.filter_state import B_GYRO, B_PSI, B_RANGE
 from companion.core.estimation.kalman import KalmanEquations
+from companion.core.estimation.latent_activity import MOST
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
 from companion.core.estimation.tuning import EstimatorTuning
-from companion.core.geometry.frames import rotate
+from companion.core.geometry.frames import rotate, ssa
 from companion.core.messages import AnchorRange, Attitude, ImuSample, UwbPosition, UwbRanges
 from companion.core.sensors.uwb import HEALTH
 from tests.companion.core.estimation.changed_runs import S, between, changed
@@ -129,6 +131,55 @@ def test_a_heading_glitch_is_rejected_and_a_heading_reset_is_followed(run, estim
             assert abs(error) < 0.05
         if e.t_ns > 32 * S:
             assert abs(error - 0.3) < 0.1
+
+
+def test_after_a_silence_in_which_heading_was_lost_the_next_one_is_believed(run, estimator) -> None:
+    """Six seconds in which somebody turned the boat by half a radian: more than the gate would let pass."""
+    turned_rad = 0.5
+    assert turned_rad > 3.29 * EstimatorTuning().heading_gate.ceiling
+
+    def turned(m):
+        hit = isinstance(m, Attitude) and between(m, 26, 99)
+        return msgspec.structs.replace(m, psi_rad=ssa(m.psi_rad + turned_rad)) if hit else m
+
+    silent = changed(without(run, lambda m: between(m, 20, 26)), turned)
+    state = step_all(silent, estimator, 26.1, lambda state, m: estimator.step(state, m)[0])
+    now = estimator.estimate(state, round(26.1 * S))
+    assert abs(ssa(now.psi_rad - turned_rad - run.truth(26.1)[2])) < 0.1
+
+
+def test_a_latent_force_is_as_lively_after_a_gap_whether_the_filter_started_afresh_or_not(run, estimator) -> None:
+    def liveliest(state):
+        return max(axis.log_variance for axis in state.history[-1].belief.activity)
+
+    def hear(state, m):
+        state, _ = estimator.step(state, m)
+        if isinstance(m, ImuSample) and state.history and estimator.instant_ns(m) == state.history[-1].t_ns:
+            after.append((m.t_rx_ns, liveliest(state)))
+        return state
+
+    for silence_s, restarts in ((6.0, 0), (11.0, 1)):
+        after: list[tuple[int, float]] = []
+        state = step_all(without(run, lambda m, s=silence_s: between(m, 15, 15 + s)), estimator, 32.0, hear)
+        assert state.restarts == restarts
+        began = after[0][1]
+        again = next(a for t_ns, a in after if t_ns > (15 + silence_s) * S)
+        assert again == pytest.approx(MOST, abs=0.1) and began == pytest.approx(math.log(300.0), abs=0.1)
+
+
+def test_rates_count_when_the_filters_saw_them_and_heading_at_its_stamp(running, estimator) -> None:
+    late_ns = round(low_pass_delay_s(PROVISIONED_HZ) * 1e9)
+    t_ns = running.history[-1].t_ns + S // 50
+    x = estimator.belief(running, t_ns).x
+    m = Attitude(
+        t_ns=t_ns + late_ns, t_rx_ns=t_ns + late_ns, phi_rad=0.0, theta_rad=0.0,
+        psi_rad=ssa(x[2] + x[5] * late_ns * 1e-9 + x[B_PSI]), p_rad_s=0.0, q_rad_s=0.0, r_rad_s=x[5] + x[B_GYRO],
+    )  # fmt: skip
+    assert estimator.instant_ns(m) == t_ns
+    _, (heading, rate) = estimator.step(running, m)
+    assert abs(x[5]) * late_ns * 1e-9 > 5e-4
+    assert heading.innovation[0] == pytest.approx(0.0, abs=1e-9)
+    assert rate.innovation[0] == pytest.approx(0.0, abs=1e-3)  # level axes: roll and pitch are small here
 
 
 def test_without_imu_it_says_so_and_goes_on(run, estimator) -> None:

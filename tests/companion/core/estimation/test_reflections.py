@@ -113,6 +113,19 @@ def test_places_that_do_not_agree_with_each_other_do_not():
         assert boat_.off_m() < 1.0
 
 
+@pytest.mark.parametrize("anchor", [FIRST, THIRD, FOURTH])
+def test_a_lost_place_is_regained_by_one_cycle_though_one_range_is_a_reflection(anchor):
+    """After six silent seconds the boat is 3.6 m away: other directions to its anchors, and gates of 1.6 m."""
+    boat_ = Watched()
+    for _ in range(8):
+        boat_.hear()
+    boat_.t_ns += 6 * S
+    there = (PLACE[0] + 3.0, PLACE[1] - 2.0)
+    accepted = {i.sensor: i.accepted for i in boat_.hear(place=there, **{anchor: 2.5})}
+    assert accepted == {f"range {a}": a != anchor for a in ANCHORS_M}
+    assert boat_.off_m(there) < 0.3
+
+
 def test_two_reflections_at_once_do_not():
     boat_ = Watched()
     for _ in range(8):

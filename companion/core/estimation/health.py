@@ -46,7 +46,7 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning, position: Po
         reasons.append("no heading accepted" + (f" for {heading_s:.1f} s" if heading_s < 1e9 else ""))
     if belief.displaced_ns is not None and t_ns - belief.displaced_ns < DISPLACED_S * 1e9:
         reasons.append(f"{position.label} was against the motion by more than its error: taken anew")
-    if sigma_m > position.degraded_sigma_m:
+    if sigma_m > position.degraded_sigma_m and SETTLES not in reasons:  # it grows because speed is not known
         reasons.append(f"position sigma {sigma_m:.2f} m")
     if sigma_m > position.lost_sigma_m:
         return "lost", "; ".join(reasons)

@@ -27,14 +27,19 @@ class Rejection(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """State of one gate: when it last accepted, and the rejections since."""
+    """State of one gate: when it last accepted, and the rejections since. `is_open`: the next one passes anyhow."""
 
     accepted_ns: int | None = None
     rejections: tuple[Rejection, ...] = ()
+    is_open: bool = False
 
     def starved_s(self, t_ns: int) -> float:
         """Seconds since the last acceptance; infinite before the first."""
         return float("inf") if self.accepted_ns is None else (t_ns - self.accepted_ns) * 1e-9
+
+
+OPEN = Gate(is_open=True)
+"""Of what is known so badly that any measurement is better."""
 
 
 def all_accepted_ns(gates: Iterable[Gate], since_ns: int) -> int:
@@ -44,7 +49,7 @@ def all_accepted_ns(gates: Iterable[Gate], since_ns: int) -> int:
 
 def judge(gate: Gate, rule: GateRule, t_ns: int, innovation: float, sigma: float) -> tuple[Verdict, Gate]:
     """Verdict on one innovation with sigma = sqrt(S), and the gate afterwards."""
-    if abs(innovation) <= rule.limit * min(max(sigma, rule.floor), rule.ceiling):
+    if gate.is_open or abs(innovation) <= rule.limit * min(max(sigma, rule.floor), rule.ceiling):
         return "accepted", Gate(t_ns)
     log = (*gate.rejections, Rejection(t_ns, innovation))
     due_ns = t_ns - round(rule.reopen_span_s * 1e9)

@@ -37,7 +37,8 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning, position: Po
     imu_s = float("inf") if belief.imu_ns is None else (t_ns - belief.imu_ns) * 1e-9
     heading_s = belief.heading_gate.starved_s(t_ns)
     sigma_m = position_sigma_m(LAYOUT, belief.P)
-    reasons = [] if belief.settled or t_ns - belief.since_ns > tuning.settle_most_s * 1e9 else [SETTLES]
+    settles = not belief.settled and t_ns - belief.since_ns <= tuning.settle_most_s * 1e9
+    reasons = [SETTLES] if settles else []
     if position_s > position.timeout_s:
         reasons.append(f"no {position.label} accepted for {position_s:.1f} s, dead reckoning")
     if imu_s > tuning.imu_timeout_s:
@@ -46,7 +47,7 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning, position: Po
         reasons.append("no heading accepted" + (f" for {heading_s:.1f} s" if heading_s < 1e9 else ""))
     if belief.displaced_ns is not None and t_ns - belief.displaced_ns < DISPLACED_S * 1e9:
         reasons.append(f"{position.label} was against the motion by more than its error: taken anew")
-    if sigma_m > position.degraded_sigma_m and SETTLES not in reasons:  # it grows because speed is not known
+    if sigma_m > position.degraded_sigma_m and not settles:  # then it grows because speed is not known
         reasons.append(f"position sigma {sigma_m:.2f} m")
     if sigma_m > position.lost_sigma_m:
         return "lost", "; ".join(reasons)

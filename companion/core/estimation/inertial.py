@@ -32,7 +32,7 @@ from companion.core.estimation.filter_state import (
     Result,
     innovation_message,
 )
-from companion.core.estimation.gates import Gate, judge
+from companion.core.estimation.gates import judge
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.latent_activity import AFTER_GAP, UNKNOWN, log_variances, update_activity
 from companion.core.estimation.process import Process
@@ -121,9 +121,7 @@ class Inertial:
         H[0, R] = late_s
         S = H @ belief.P @ H.T + np.diag(self._attitude_R)
         verdict, gate = "rejected", belief.heading_gate
-        if has_heading and gate.accepted_ns is None:
-            verdict, gate = "accepted", Gate(belief.t_ns)
-        elif has_heading:
+        if has_heading:
             verdict, gate = judge(gate, self._tuning.heading_gate, belief.t_ns, float(nu[0]), math.sqrt(S[0, 0]))
         good, z = verdict != "rejected", float(nu[1]) / math.sqrt(S[1, 1])
         belief = replace(belief, heading_gate=gate, activity=update_activity(belief.activity, (2,), (z,), dt_s))

@@ -30,7 +30,7 @@ from companion.core.estimation.filter_state import (
     FilterState,
     Tilt,
 )
-from companion.core.estimation.gates import Gate
+from companion.core.estimation.gates import OPEN, Gate
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.estimation.ranging.ranges import (
     FIX_SIGMA_M,
@@ -146,12 +146,12 @@ class Starter:
                 return start, None
             if np.hypot(north - before[1], east - before[2]) > self._tuning.start_agreement_m:
                 return replace(start, reason=f"two fixes of {self._label} in a row disagree"), None
-        belief = self._belief(t_ns, (north, east), sigma_m, heading, tilt, f_n)
-        return start, msgspec.structs.replace(belief, imu_ns=start.imu_ns)
+        return start, self._belief(t_ns, (north, east), sigma_m, heading, tilt, f_n, start.imu_ns)
 
     def _belief(
-        self, t_ns: int, origin_m: tuple[float, float], sigma_m: float, heading: Attitude, tilt: Tilt, f_n: np.ndarray
-    ) -> FilterState:
+        self, t_ns: int, origin_m: tuple[float, float], sigma_m: float, heading: Attitude, tilt: Tilt, f_n: np.ndarray,
+        imu_ns: int | None,
+    ) -> FilterState:  # fmt: skip
         """First belief: at the fix, at rest; heading and its wander correlated as one reading leaves them."""
         imu, tuning, m = self._sensors.imu, self._tuning, len(self._number)
         errors = np.array([error.sigma for error in self._errors])
@@ -169,7 +169,7 @@ class Starter:
         rates = (heading.p_rad_s, heading.q_rad_s, heading.r_rad_s)
         return FilterState(
             t_ns=t_ns, x=x, P=P, f_n=f_n, rates_rad_s=rates, rates_ns=t_ns, anchor_gates=(Gate(),) * m,
-            heading_gate=Gate(heading.t_ns), position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=None,
+            heading_gate=Gate(heading.t_ns), position_gates=(Gate(), Gate()), latest=(None,) * m, imu_ns=imu_ns,
             position_ns=t_ns, ranges_ns=None, since_ns=t_ns,
         )  # fmt: skip
 
@@ -181,5 +181,5 @@ def after_gap(belief: FilterState, tuning: EstimatorTuning) -> FilterState:
     """
     sigma = tuning.start_velocity_sigma_m_s, tuning.start_velocity_sigma_m_s, tuning.start_rate_sigma_rad_s
     P = inflate(decorrelate(belief.P, (*NU_INDICES, *LATENT_INDICES)), NU_INDICES, sigma)
-    gate = Gate() if P[2, 2] > tuning.heading_gate.ceiling**2 else belief.heading_gate
+    gate = OPEN if P[2, 2] > tuning.heading_gate.ceiling**2 else belief.heading_gate
     return msgspec.structs.replace(belief, P=P, heading_gate=gate, since_ns=belief.t_ns, fixes=0, settled=False)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.core.estimation.gates import Gate, GateRule, Verdict, judge
+from companion.core.estimation.gates import OPEN, Gate, GateRule, Verdict, judge
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.multilateration import multilaterate
 
@@ -111,9 +111,8 @@ class RangeFusion:
         """Judge a range by its anchor's gate and, unless it is rejected, update x and P with it."""
         R = np.array([[self.sigma_m**2]])
         at, nu, S = self.innovation(x, P, m)
-        verdict, gate = "accepted", Gate(t_ns)
-        if not m.regains:
-            verdict, gate = judge(gates[m.anchor], self.rule, t_ns, nu, math.sqrt(S))
+        gate = OPEN if m.regains else gates[m.anchor]
+        verdict, gate = judge(gate, self.rule, t_ns, nu, math.sqrt(S))
         if verdict == "rejected":
             return RangeUpdate(x, P, gate, verdict, nu, S)
         correction = nu

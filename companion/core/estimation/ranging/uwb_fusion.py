@@ -67,13 +67,14 @@ class UwbFusion:
         latest = list(belief.latest)
         for i, range_m in known:
             latest[i] = AnchorHistory(belief.t_ns, range_m)
+        belief = replace(belief, latest=tuple(latest))
         x, P, gates, innovations = belief.x, belief.P, list(belief.anchor_gates), []
         position_ns, displaced_ns = belief.position_ns, belief.displaced_ns
         arm = self.arm(belief)
-        model, find = partial(self.range_model, arm), partial(self._find, tuple(latest), belief.t_ns, arm)
+        model, find = partial(self.range_model, arm), partial(self._find, belief.latest, belief.t_ns, arm)
         left = [RangeMeasurement(i, range_m, model, find) for i, range_m in known]
         if position_sigma_m(LAYOUT, P) > HEALTH.degraded_sigma_m:
-            left = self._regaining(replace(belief, latest=tuple(latest)), arm, left)
+            left = self._regaining(belief, arm, left)
         while left:
             one = left.pop(self._ranges.best(x, P, left))
             fused = self._ranges.fuse(x, P, gates, one, belief.t_ns)
@@ -85,7 +86,7 @@ class UwbFusion:
             nu, S = np.array([fused.innovation]), np.array([[fused.S]])
             innovations.append(innovation_message(belief.t_ns, f"range {self._ids[one.anchor]}", nu, S, accepted))
         after = replace(
-            belief, x=x, P=P, anchor_gates=tuple(gates), latest=tuple(latest), position_ns=position_ns,
+            belief, x=x, P=P, anchor_gates=tuple(gates), position_ns=position_ns,
             ranges_ns=belief.t_ns if known else belief.ranges_ns, displaced_ns=displaced_ns,
         )  # fmt: skip
         return self._agreed(after, arm), tuple(innovations)
@@ -98,7 +99,7 @@ class UwbFusion:
         From metres away the directions of the anchors are others, and gates would reject what is right.
         """
         use = recent_anchors(belief.latest, belief.t_ns, self._tuning.fix_window_s)
-        places = self._agreed_places(belief, arm, use) if len(use) >= 3 else []
+        places = self._agreed_places(belief, arm, use)
         if len(places) != 1:
             return list(ranges)
         there = np.array([*places[0], *belief.x[2:]])

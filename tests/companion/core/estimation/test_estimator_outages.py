@@ -6,7 +6,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion.core.configuration.imu_filters import PROVISIONED_HZ, low_pass_delay_s
 from companion.core.estimation.estimator import Estimator
 from companion.core.estimation.filter_state import B_GYRO, B_PSI, B_RANGE
 from companion.core.estimation.kalman import KalmanEquations
@@ -17,7 +16,7 @@ from companion.core.geometry.frames import rotate, ssa
 from companion.core.messages import AnchorRange, Attitude, ImuSample, UwbPosition, UwbRanges
 from companion.core.sensors.uwb import HEALTH
 from tests.companion.core.estimation.changed_runs import S, between, changed
-from tests.companion.core.estimation.estimator_world import basin, estimate, step_all, without
+from tests.companion.core.estimation.estimator_world import LATE_S, basin, estimate, step_all, without
 from tests.support.vessel_fixtures import boat
 
 
@@ -168,7 +167,7 @@ def test_a_latent_force_is_as_lively_after_a_gap_whether_the_filter_started_afre
 
 
 def test_rates_count_when_the_filters_saw_them_and_heading_at_its_stamp(running, estimator) -> None:
-    late_ns = round(low_pass_delay_s(PROVISIONED_HZ) * 1e9)
+    late_ns = round(LATE_S * 1e9)
     t_ns = running.history[-1].t_ns + S // 50
     x = estimator.belief(running, t_ns).x
     m = Attitude(

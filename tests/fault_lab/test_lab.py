@@ -51,6 +51,15 @@ def test_mirrored_anchors_are_noticed_as_soon_as_the_boat_moves():
     assert not verdict.failed and verdict.mode == "safe" and verdict.beyond_s == 0.0
 
 
+@pytest.mark.long
+def test_a_boat_whose_accelerometer_shakes_says_so_and_drives_on():
+    """40 times as noisy as its file says. It was stopped before; a quarter of that noise took the estimate 5 m off."""
+    verdict = trial(2, "accel noise 2.0 from 30")
+    assert not verdict.failed and verdict.passed == WAYPOINTS and verdict.mode == "auto"
+    assert verdict.wrong_m < 1.0 and verdict.cross_m < 0.15
+    assert verdict.named[0][1:] == ("sensor", "accel") and verdict.first_alert_s(30.0) < 3.0
+
+
 LONG = (
     "thruster 2 dead from 25",
     "thruster 3 swapped 4 from 25",

@@ -45,16 +45,23 @@ class AgreedPlace(NamedTuple):
     east_m: float
 
 
+class AccelerometerNoise(NamedTuple):
+    """Mean `variance` [m^2/s^4] of an axis by the second differences of specific force, and its last two values."""
+
+    variance: float = 0.0
+    last: tuple[tuple[float, float], ...] = ()
+
+
 class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     """State x (17 + k,) with covariance P at t_ns; arrays are never changed in place.
 
     `f_n`: thruster forces delivered now [N]. `rates_rad_s`, `rates_ns`: p, q, r of the last attitude, and when;
     `slopes_rad_s2`: their slopes by the last two attitudes, 0 after a gap. `gates`: of components of channels, by name.
-    `imu_ns`, `position_ns`, `ranges_ns`: the last IMU sample, accepted position, ranges. `since_ns`: the start, or the
-    end of the last gap in all sensors; `fixes`: positions accepted since then; `settled`: speed is known since then.
-    `displaced_ns`: when positions last moved the boat against its motion; `astray`: another place on which
-    ranges agree since then. `doubt`: the cumulative sum of `model_confidence`; `activity`: of the latent force, see
-    `latent_activity`; `latent_means`: of that force.
+    `imu_ns`, `position_ns`, `ranges_ns`: the last IMU sample, accepted position, ranges. `accelerometers`: how noisy
+    they are. `since_ns`: the start, or the end of the last gap in all sensors; `fixes`: positions accepted since then;
+    `settled`: speed is known since then. `displaced_ns`: when positions last moved the boat against its motion;
+    `astray`: another place on which ranges agree since then. `doubt`: the cumulative sum of `model_confidence`;
+    `activity`: of the latent force, see `latent_activity`; `latent_means`: of that force.
     """
 
     t_ns: int
@@ -70,6 +77,7 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     gates: Mapping[str, Gate] = msgspec.field(default_factory=dict)
     latest: tuple[AnchorHistory | None, ...]
     imu_ns: int | None
+    accelerometers: AccelerometerNoise = AccelerometerNoise()
     position_ns: int
     ranges_ns: int | None
     since_ns: int

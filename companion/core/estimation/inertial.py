@@ -6,7 +6,12 @@ attitude  psi + psi_dot T + b_psi, where b_psi is the slow wander of the autopil
           rates; heading has not passed the filters that make rates and specific force late by T (`sensors.inertial`)
 
 Specific force and yaw rate have no gate: R of a number whose innovation exceeds the limit grows in proportion to it
-(Huber 1964).
+(Huber 1964). Accelerometers that are noisier than the vessel file says count for less. Without a model of the motion
+second differences show it, in which neither thrust nor waves do (white noise of variance v: 6 v):
+
+    v' = v + dt / T (|a_k - 2 a_k-1 + a_k-2|^2 / 12 - v),     R = sigma^2 + 2 max(0, v - sigma^2)
+
+2: a low-pass filter of 20 Hz, as `provision` sets it, takes half of that out of white noise sampled at 50 Hz.
 
 The rates are those of ATTITUDE: the ones of RAW_IMU are cut to whole mrad/s.
 """
@@ -27,6 +32,7 @@ from companion.core.estimation.filter_state import (
     LATENT_INDICES,
     NU,
     TILT,
+    AccelerometerNoise,
     FilterState,
     R,
     Result,
@@ -45,6 +51,9 @@ from companion.core.sensors.inertial import OfTheImu
 
 SHORTEST_S = 0.005
 """Two attitudes closer than that give no slope of the rates; assumed: a quarter of the period at 50 Hz."""
+
+NOISE_MEAN_S, THROUGH_FILTER = 2.0, 2.0
+"""T, and the filter's factor, both above. Assumed; measured: 1.4 in sigma."""
 
 
 def _since_s(before_ns: int | None, t_ns: int, never: float = 0.0) -> float:
@@ -73,7 +82,8 @@ class Inertial:
             belief = replace(belief, P=inflate(belief.P, LATENT_INDICES, sigma), activity=activity)
         drive = self._process.drive(belief.f_n)
         expected, J = self._process.acceleration(belief.x[DYNAMIC], drive)
-        noise = np.diag(self._accel_R)
+        belief = replace(belief, accelerometers=self._noise_of(belief, m))
+        noise = np.diag(self._accel_R + THROUGH_FILTER * np.maximum(0, belief.accelerometers.variance - self._accel_R))
         if not belief.settled:
             noise = noise + self._process.curvature_variance(belief.x[DYNAMIC], drive, J, belief.P[NU, NU])
         tilt, force = belief.tilt, (m.ax_m_s2, m.ay_m_s2, m.az_m_s2)
@@ -92,6 +102,16 @@ class Inertial:
         innovation = innovation_message(belief.t_ns, "imu", nu, S, bool((surprise <= 1.0).all()))
         activity = update_activity(belief.activity, (0, 1), z.tolist(), _since_s(belief.imu_ns, belief.t_ns))
         return replace(belief, x=x, P=P, imu_ns=belief.t_ns, activity=activity), (innovation,)
+
+    def _noise_of(self, belief: FilterState, m: ImuSample) -> AccelerometerNoise:
+        """How noisy accelerometers are with this sample, v above; over a gap differences say nothing."""
+        dt_s = _since_s(belief.imu_ns, belief.t_ns, math.inf)
+        variance, last = belief.accelerometers
+        last = (*last, (m.ax_m_s2, m.ay_m_s2)) if dt_s <= self._tuning.imu_timeout_s else ()
+        if len(last) == 3:
+            second = np.subtract(last[2], last[1]) - np.subtract(last[1], last[0])
+            variance += min(1.0, dt_s / NOISE_MEAN_S) * (float(second @ second) / 12 - variance)
+        return AccelerometerNoise(variance, last[-2:])
 
     def _level(self, belief: FilterState, m: Attitude) -> FilterState:
         """One update by the autopilot's roll and pitch."""

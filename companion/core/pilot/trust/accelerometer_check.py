@@ -2,7 +2,9 @@
 
     s' = s + dt / 2 s (e - s)      e = min(max(0, (|da_x| + |da_y|) / 2 - 10 m/s^3 dt), 2 m/s^2)      shakes: s > 0.5
 
-da: from one sample to the next. It is left out until the next start: the filter misses it as one that is silent.
+da: from one sample to the next. One that shakes is told; the filter counts it for as little as its noise says
+(`estimation.inertial`). One that stands still is left out until the next start: the filter misses it as one that is
+silent.
 """
 
 from __future__ import annotations
@@ -29,18 +31,20 @@ GAP_NS = 500_000_000
 @dataclass(frozen=True)
 class AccelerometerState:
     """`last`: the latest sample; `shakes_m_s2`: mean change beyond what a boat does; `first`: of samples whose specific
-    force is the same as that of the last one; `life`: share of samples that were not the same as the one before.
+    force is the same as that of the last one; `life`: share of samples that were not the same as the one before;
+    `left_out`: it stands still.
     """
 
     last: ImuSample | None = None
     first: ImuSample | None = None
     shakes_m_s2: float = 0.0
     life: float = 0.0
+    left_out: bool = False
     findings: tuple[Finding, ...] = ()
 
 
 class AccelerometerMonitor(Monitor[AccelerometerState]):
-    """Withholds the samples of an accelerometer that is wrong; told once."""
+    """Withholds the samples of an accelerometer that stands still; each fault is told once."""
 
     hears = (ImuSample, OperatorCommand)
     screens = True
@@ -55,7 +59,7 @@ class AccelerometerMonitor(Monitor[AccelerometerState]):
         """One sample; a new start forgets what was found."""
         if isinstance(message, OperatorCommand):
             return (self.initial if is_forgotten(state.findings, message) else state), NOTHING
-        if state.findings:
+        if state.left_out:
             return state, MonitorReport(withhold=True)
         last, first = state.last, state.first
         if last is None or first is None or not 0 < (dt_ns := message.t_ns - last.t_ns) < GAP_NS:
@@ -64,15 +68,17 @@ class AccelerometerMonitor(Monitor[AccelerometerState]):
         if _force(message) != _force(last):
             state = replace(state, first=message, life=_lived(state.life, message.t_ns - first.t_ns, dt_ns))
             first = message
-        if state.shakes_m_s2 > self._limit_m_s2:
-            text = f"it shakes by {state.shakes_m_s2:.1f} m/s^2 from sample to sample as no boat does"
-        elif state.life >= LIVELY and _hangs(first, message):
-            text = "the same reading for 1 s though the boat turns"
-        else:
-            return state, NOTHING
-        text = f"the accelerometer is wrong ({text}): left out until the next start"
-        state = replace(state, findings=(Finding("sensor", "accel", text, t_ns),))
-        return state, MonitorReport(alerts=(Alert(t_ns=t_ns, level="error", text=text),), withhold=True)
+        if state.life >= LIVELY and _hangs(first, message):
+            said = "the same reading for 1 s though the boat turns"
+            text = f"the accelerometer is wrong ({said}): left out until the next start"
+            state = replace(state, left_out=True, findings=(*state.findings, Finding("sensor", "accel", text, t_ns)))
+            return state, MonitorReport(alerts=(Alert(t_ns=t_ns, level="error", text=text),), withhold=True)
+        if state.shakes_m_s2 > self._limit_m_s2 and not state.findings:
+            said = f"it shakes by {state.shakes_m_s2:.1f} m/s^2 from sample to sample as no boat does"
+            text = f"the accelerometer is wrong ({said}): it counts for less; is the autopilot mounted firmly?"
+            state = replace(state, findings=(Finding("sensor", "accel", text, t_ns),))
+            return state, MonitorReport(alerts=(Alert(t_ns=t_ns, level="warning", text=text),))
+        return state, NOTHING
 
 
 def _shaken(before_m_s2: float, last: ImuSample, now: ImuSample) -> float:

@@ -40,14 +40,15 @@ def catalogue(
     begins, lengths = np.array([(clock.start_s(run), run.duration_s) for run in runs]).T
     start, end = float(begins.min()), float((begins + lengths).max())
     onsets = _onsets(begins, lengths, start, end)
+    levelled = not any(reads_lean(run) for run in runs)
     entries = (
         *hull.base(vessel),
-        *sensors.accelerometers(vessel, levelled=not any(reads_lean(run) for run in runs)),
+        *sensors.accelerometers(vessel, levelled),
         *propulsion.base(vessel),
         *hull.effects(vessel),
         *propulsion.effects(vessel, onsets),
         *environment.effects(vessel, centres, min(end - start, LONG_S)),
-        *sensors.effects(vessel),
+        *sensors.effects(vessel, levelled),
         *more,
     )
     ids = [e.id for e in entries]

@@ -16,6 +16,8 @@ PSI, RATE, SURGE, SWAY = range(4)
 LEAN = 0.4
 """Sigma of the share of its own acceleration that a leaning boat adds, where roll and pitch are not logged; assumed."""
 SECANT = 0.02  # largest step of a secant of these shares
+WITH_THE_MOTION = ("imu_misalignment", "imu_lever_arm")
+"""Entries that change accelerations with the motion, as lean does."""
 ImuHook = Callable[[Values, Scene, np.ndarray], np.ndarray]
 ACCEL_SCALE = 0.005  # sigma of the accelerometer's scale: ICM-42688-P data sheet, +-0.5 %, uncalibrated
 
@@ -63,10 +65,14 @@ def _scaled(channel: int) -> ImuHook:
     return hook
 
 
-def effects(vessel: VesselFile) -> Iterator[Effect]:
-    """Entries of the sensors that can be named; what only ranges have, not for a boat without UWB."""
+def effects(vessel: VesselFile, levelled: bool) -> Iterator[Effect]:
+    """Entries of the sensors that can be named; what only ranges have, not for a boat without UWB.
+
+    Where roll and pitch are not known (`levelled`: they are), none that changes accelerations with the motion, as lean
+    does.
+    """
     uwb = vessel.sensors.uwb is not None
-    yield from _inertial()
+    yield from (e for e in _inertial() if levelled or e.id not in WITH_THE_MOTION)
     yield from _heading(uwb)
     yield from _positions(uwb)
 

@@ -9,6 +9,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.catalogue.sensors import WITH_THE_MOTION
 from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES, effects
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.selection.candidate_score import Candidate
@@ -89,6 +90,8 @@ def search_causes(
 def _entries(fit: PosteriorFit, known_causes: Sequence[str]) -> list[str]:
     """Names of the fit's entries that represent `known_causes`: a gusty wind is a wind, waves have none."""
     present, chance = {e.name for e in fit.effects if e.family != "base"}, {e.name for e in effects()}
+    if not fit.physics.levelled and (hidden := [name for name in known_causes if name in WITH_THE_MOTION]):
+        raise ValueError(f"believe {hidden[0]!r}: only logs with roll and pitch, which these do not have, show it")
     if strange := [name for name in known_causes if name not in present | chance]:
         raise ValueError(f"believe {strange[0]!r}: no such effect; there are {', '.join(sorted(present | chance))}")
     for both in (e for e in fit.effects if e.contains and {e.name, e.contains} <= set(known_causes)):

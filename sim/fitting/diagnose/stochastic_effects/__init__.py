@@ -18,6 +18,7 @@ from sim.fitting.diagnose.catalogue.effect import Effect, Scene
 from sim.fitting.diagnose.catalogue.parts import air_force
 from sim.fitting.diagnose.catalogue.stochastic import GUSTY_WIND, NLOS, WAVES
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
+from sim.fitting.diagnose.posterior.noise import dependence
 from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS, Z95, Candidate
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.stochastic_effects import gusts as gusty
@@ -26,6 +27,7 @@ from sim.fitting.diagnose.stochastic_effects.residual_acceleration import Residu
 from sim.fitting.engine.windows import SURGE, SWAY
 
 PERIOD_DOUBT = 2.0  # factor on the standard error of a period, for the unknown shape of the spectrum; assumed
+IN_SIGHT = 0.5  # probability of line of sight from which a fix counts as one that has it
 COMPASS_DEG = 0.7  # sigma of a compass error below its smallest size, and thus of every direction; assumed
 DIRECTION_DOUBT_DEG = 1.5  # sigma of a gusty wind's direction beside the fit's, which takes gusts for noise; assumed
 
@@ -74,17 +76,23 @@ def _accepted(candidate: Candidate) -> bool:
 
 
 def nlos_cause(fit: PosteriorFit, model: CandidateModel) -> StochasticCause | None:
-    """Fixes without line of sight to the anchor that explains them best, with `fix_weight`; None without anchors."""
+    """Fixes without line of sight to the anchor that explains them best, with `fix_weight`; None without anchors.
+
+    Its nats are those of as many independent fixes as the errors of those in sight are worth: where a cause that is not
+    found yet moves the boat, they hang together, and then a few seconds of them look as if an anchor were hidden.
+    """
     if fit.physics.vessel.sensors.uwb is None:
         return None
     places, fix_m = fit.physics.windows.fixes.place_m, model.noise.fix_m
     anchors = nlos.anchors_of(fit.physics.runs, places)
-    best = nlos.fit_anchors(-model.point.fix_residuals * fix_m, places, fix_m, anchors)[0]
+    residuals = model.point.fix_residuals
+    best = nlos.fit_anchors(-residuals * fix_m, places, fix_m, anchors)[0]
+    nats = best.nats / dependence(np.where(best.line_of_sight[:, None] > IN_SIGHT, residuals, np.nan))
     at, C = best.posterior.at[nlos.OWN][:2], best.posterior.covariance[nlos.OWN, nlos.OWN][:2, :2]
     values = np.array([best.share, np.exp(at[1]), best.number])
     slope = np.array([best.share * (1 - best.share), values[1]])
     return StochasticCause(
-        NLOS, _candidate(NLOS, best.nats, values, C * np.outer(slope, slope)), fix_weight=best.line_of_sight
+        NLOS, _candidate(NLOS, nats, values, C * np.outer(slope, slope)), fix_weight=best.line_of_sight
     )
 
 

@@ -180,3 +180,10 @@ def test_two_causes_of_which_one_contains_the_other_are_not_known_together():
     fit, _ = bench()
     with pytest.raises(ValueError, match="'turning_current' or 'current', not both"):
         search_causes(fit, known_causes=("current", "turning_current"))
+
+
+def test_a_constant_force_is_no_tether():
+    """A pull of 5 N from an anchor 5,000 km away is not one that somebody could look for."""
+    tether = next(e for e in bench()[0].effects if e.name == "tether")
+    assert [p.name for p in tether.parameters] == ["k_N_m", "north_N", "east_N", "arm_m"]
+    assert tether.size(np.array([1e-6, 5.0, 0.0, 0.0])) < 0.01 < tether.size(np.array([0.1, 0.0, 0.0, 0.0]))

@@ -14,6 +14,8 @@ from sim.fitting.diagnose.posterior.noise import UNKNOWN_LEAN, dependence, state
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.selection import held_out_support
 from sim.fitting.diagnose.selection.greedy_selection import Selector
+from sim.fitting.diagnose.selection.held_out import ModelUnderTest
+from sim.fitting.diagnose.selection.search import search_causes
 from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, short
 
 LEAN = 0.15
@@ -46,30 +48,38 @@ def test_the_effective_sample_size_is_that_of_a_first_order_autoregression(rho):
     assert dependence(series) == pytest.approx((1 + rho) / (1 - rho), rel=0.12)
 
 
-def error(horizon_s, low, gain=0.1):
-    return SimpleNamespace(horizon_s=horizon_s, gain=gain, gain_ci95=(low, 0.5))
+@pytest.mark.parametrize("name", ["imu_lever_arm", "imu_misalignment"])
+def test_what_lean_does_to_accelerometers_in_turns_is_named_only_where_roll_and_pitch_are_known(name):
+    level, leaned = fit_of(short()), fit_of(leaning(short()))
+    assert name in {e.name for e in level.effects} and name not in {e.name for e in leaned.effects}
+    with pytest.raises(ValueError, match=f"believe '{name}': only logs with roll and pitch"):
+        search_causes(leaned, known_causes=[name])
+
+
+def error(horizon_s, low, gain=0.1, channel="yaw_rate", high=0.5):
+    return SimpleNamespace(horizon_s=horizon_s, gain=gain, gain_ci95=(low, high), channel=channel)
 
 
 class Elimination:
     """A fit, a selection of causes and their held-out scores: by the ids that are left, those of each cause."""
 
-    def __init__(self, monkeypatch, families, scores, levelled=False):
+    def __init__(self, monkeypatch, families, scores, levelled=False, implausible_nats=0.0):
         self.scores, effects = scores, [SimpleNamespace(id=i, family=f) for i, f in families.items()]
         self.fit = SimpleNamespace(physics=SimpleNamespace(levelled=levelled), effects=effects)
-        self.asked: tuple[str, str] = ("", "")
         monkeypatch.setattr(held_out_support, "model_without", self._without)
+        monkeypatch.setattr(held_out_support, "implausibility", lambda *_: implausible_nats)
         monkeypatch.setattr(held_out_support, "Selector", lambda fit: SimpleNamespace(without=self._left))
 
     def gone(self):
         names = "".join(e.id for e in self.fit.effects)
-        return held_out_support.unsupported(self.fit, self._of(names), lambda one, other: self.scores[self.asked])  # type: ignore[arg-type]
+        return held_out_support.unsupported(self.fit, self._of(names), lambda one, other: self.scores[one])  # type: ignore[arg-type]
 
     def _of(self, names):
         final = SimpleNamespace(point=SimpleNamespace(theta={}), noise=None)
         return SimpleNamespace(final=final, causes=[SimpleNamespace(id=i) for i in names])
 
     def _without(self, fit, selection, gone):
-        self.asked = ("".join(c.id for c in selection.causes), gone)
+        return "".join(c.id for c in selection.causes), gone
 
     def _left(self, selection, ids):
         return self._of("".join(c.id for c in selection.causes if c.id not in ids))
@@ -95,6 +105,30 @@ def test_a_cause_stays_where_held_out_readings_need_it(family, near, nats, gone,
     scores = {("a", "a"): scored(nats, near, error(20, 0.3))}
     out = Elimination(monkeypatch, {"a": family}, scores, levelled).gone()
     assert out == ({"a"} if gone and not levelled else set())
+
+
+@pytest.mark.parametrize(("nats", "gone"), [(5.0, True), (7.0, False)])
+def test_a_cause_stays_where_only_many_small_faults_together_foretell_as_well(nats, gone, monkeypatch):
+    scores = {("a", "a"): scored(-2.0, error(10, -0.1))}
+    assert Elimination(monkeypatch, {"a": "hull"}, scores, implausible_nats=nats).gone() == ({"a"} if gone else set())
+
+
+def test_a_cause_goes_where_positions_are_foretold_worse_whatever_else_speaks_for_it(monkeypatch):
+    worse = error(10, -0.4, gain=-0.3, channel="position", high=-0.2)
+    for nats, gone in ((-5.0, {"a"}), (5.0, set())):
+        scores = {("a", "a"): scored(nats, worse, error(5, 0.2))}
+        assert Elimination(monkeypatch, {"a": "hull"}, scores, implausible_nats=40.0).gone() == gone
+
+
+def test_many_small_faults_are_the_less_plausible_the_more_and_the_larger_they_are():
+    """Two thrusters weak by 4 tolerance bands each: 1/2 (16 + 16) / 2^2 nats. What a cause sets is no small fault."""
+    fit = fit_of(short())
+    gains = [e for e in fit.effects if e.name.startswith("thruster_gain:")]
+    cause = next(e for e in fit.effects if e.id == "payload")
+    selection = SimpleNamespace(causes=[SimpleNamespace(id="payload")])
+    rest = ModelUnderTest({e.id: -4 * e.tolerance() for e in gains[:2]}, fit.noise)
+    whole = ModelUnderTest({cause.id: 50 * cause.tolerance()}, fit.noise)
+    assert held_out_support.implausibility(fit, selection, rest, whole) == pytest.approx(4.0)  # type: ignore[arg-type]
 
 
 def test_causes_are_taken_back_one_at_a_time_the_least_needed_first(monkeypatch):

@@ -39,6 +39,8 @@ MOST_WINDOWS = 160  # of 20 s: enough for intervals, few enough for an hour's lo
 CHANNELS = {"position": "m", "heading": "deg", "yaw_rate": "deg/s", "surge_accel": "m/s^2", "sway_accel": "m/s^2"}
 SLACKS = (100.0, 10.0, 1.0, 1.0, 1.0)
 """By step of smoothing from the initial guess, factor on the slack of the ties."""
+MORE_STEPS, SETTLED_NATS = 30, 1.0  # at most, after these; decrease of the cost at which smoothing has converged
+PARTS_OF_A_STEP = (1.0, 0.5, 0.25, 0.1, 0.03)
 BOOTSTRAPS = 1000
 LATE_S = 0.5  # beginning of a window whose fixes belong to the window before, by latency; assumed
 SHOWN = (0.5, 0.9)  # quantiles of the position error of the windows in the report
@@ -141,15 +143,32 @@ def _staggered(runs: Sequence[Run]) -> tuple[list[int], list[Run], float]:
 
 
 def _smoothed(fit: PosteriorFit, model: ModelUnderTest) -> tuple[LinearisationPoint, float]:
-    """Smoothed nodes with the model's parameters fixed, and its one-step log likelihood [nats]."""
-    z, point, nats = fit.z0, None, -np.inf
-    for slack in SLACKS:
-        noise = fit.noise = replace(model.noise, slack=slack * model.noise.slack)
-        point = fit.point(model.theta, z, (), point)
-        dz, nats = fit.node_step(point, noise)
-        z = point.z + dz
-    assert point is not None
-    return fit.point(model.theta, z, (), point), nats - _log_noise(fit, model.noise)
+    """Smoothed nodes with the model's parameters fixed, and its one-step log likelihood [nats].
+
+    A model that is far off, as a first guess may be, needs more steps than `SLACKS`, and shorter ones.
+    """
+    point, nats = fit.point(model.theta, fit.z0, ()), -np.inf
+    for step, slack in enumerate((*SLACKS, *[1.0] * MORE_STEPS), start=1):
+        fit.noise = replace(model.noise, slack=slack * model.noise.slack)
+        dz, nats = fit.node_step(point, fit.noise)
+        point, fell = _downhill(fit, model, point, dz)
+        if step >= len(SLACKS) and fell < SETTLED_NATS:
+            break
+    return point, nats - _log_noise(fit, model.noise)
+
+
+def _downhill(
+    fit: PosteriorFit, model: ModelUnderTest, point: LinearisationPoint, dz: np.ndarray
+) -> tuple[LinearisationPoint, float]:
+    """The point after the step `dz` (W, L), or the largest part of it by which the cost falls; by how many nats."""
+    before = fit.assembled(point, fit.noise)[1]
+    for share in PARTS_OF_A_STEP:
+        with np.errstate(all="ignore"):  # the motion may diverge
+            after = fit.point(model.theta, point.z + share * dz, (), point)
+            fell = before - fit.assembled(after, fit.noise)[1]
+        if fell >= 0:
+            return after, fell
+    return point, 0.0
 
 
 def _log_noise(fit: PosteriorFit, noise: Noise) -> float:

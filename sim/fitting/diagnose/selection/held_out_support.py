@@ -57,15 +57,16 @@ def unsupported(fit: PosteriorFit, selection: Selection, score: Score) -> frozen
 def is_needed(found: HeldOutScore, of_sensor: bool, implausible_nats: float) -> bool:
     """Whether the rest of the causes does not do without this one; `found`: of the rest, and of both.
 
-    1. Not needed if with it positions are surely worse (95 %), one step ahead as well.
-    2. Needed if some reading up to `JUDGED_S` ahead is surely better, and by `LEAST_GAIN`.
+    1. Not needed if the logs are less likely with it, by `DECISIVE_NATS` one step ahead: better readings may be chance
+       then.
+    2. Needed if some reading up to `JUDGED_S` ahead is surely better (95 %), and by `LEAST_GAIN`.
     3. Needed if it is a sensor's, and `DECISIVE_NATS` better one step ahead; what moves the boat must show in where it
        goes, for nats presume that the forces' noise is as modelled.
     4. Needed if the rest is less plausible by `RIVAL_NATS`.
     """
     near = [e for e in found.errors if e.horizon_s <= JUDGED_S]
     nats = _nats(found)
-    if nats < 0 and any(e.channel == "position" and e.gain_ci95[1] < 0 for e in near):
+    if nats < -DECISIVE_NATS:
         return False
     seen = any(e.gain_ci95[0] > 0 and e.gain >= LEAST_GAIN for e in near)
     return seen or (of_sensor and nats >= DECISIVE_NATS) or implausible_nats >= RIVAL_NATS

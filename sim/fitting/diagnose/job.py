@@ -36,9 +36,10 @@ from sim.fitting.diagnose.selection.adequacy import adequacy
 from sim.fitting.diagnose.selection.detectability import detection_limits
 from sim.fitting.diagnose.selection.distinguishability import Distinguishability, distinguishability
 from sim.fitting.diagnose.selection.greedy_selection import Selection, Selector
-from sim.fitting.diagnose.selection.held_out import HeldOutScore, ModelUnderTest, score
+from sim.fitting.diagnose.selection.held_out import HeldOutScore, score
 from sim.fitting.diagnose.selection.held_out_support import unsupported
 from sim.fitting.diagnose.selection.search import search_causes
+from sim.fitting.diagnose.selection.smoothed_logs import ModelUnderTest
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, VesselFiles, refit, vessel_with_causes
 from sim.fitting.engine.noise import Noise
 from sim.fitting.engine.split import NamedLog, Split, usable

@@ -69,6 +69,7 @@ class Effect:
     scaled_reading  reading (one of `READINGS`) that its one parameter p multiplies by 1 + p
     start_entries   entries of other `origin` between this one and its neighbours, from the best of which a fit starts
     contains        name of a simpler entry that is a special case of this one
+    essential       parameter that must surely be above zero, or the entry is another effect; empty: none
 
     ValueError for an unknown hook or reading.
     """
@@ -87,6 +88,7 @@ class Effect:
     scaled_reading: str = ""
     start_entries: Callable[[], Sequence[Effect]] | None = None
     contains: str = ""
+    essential: str = ""
 
     def __post_init__(self) -> None:
         if unknown := set(self.hooks) - set(STAGES):

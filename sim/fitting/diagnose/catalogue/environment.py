@@ -27,6 +27,7 @@ from sim.fitting.diagnose.catalogue.parts import (
 FASTEST_DEG_S = 1.2  # largest turn rate of a current from which the search starts; assumed
 PHASE_RAD = 1.0  # difference of neighbouring starts at the ends of the logs
 PRESSURE = RHO_AIR / 2  # dynamic pressure of a wind of 1 m/s [Pa]
+PULL_N = 0.75  # smallest pull worth a name at the middle of the positions: the smallest stiffness at 15 m; assumed
 ZONE_RADIUS_M = 4.0  # radius from which the search for a shallow zone starts; assumed
 LEAST_RADIUS_M = 1.0  # of a zone; assumed
 
@@ -127,7 +128,7 @@ def beside_file(vessel: VesselFile, north_Pa: float, east_Pa: float) -> tuple[fl
 def _tether(arm_m: float, around_m: float) -> Effect:
     """A linear spring f_0 - k p at `arm_m` on the centreline, p from the centre of the positions.
 
-    Its size is its stiffness: without one, f_0 is a constant force, and its anchor nowhere.
+    Without stiffness f_0 is a constant force, and its anchor nowhere.
     """
 
     def force(p: Values, scene: Scene) -> np.ndarray:
@@ -141,13 +142,14 @@ def _tether(arm_m: float, around_m: float) -> Effect:
         "pulled towards one place, harder the further away",
         (
             *scalar_parameter("k_N_m", "N/m", 0.5, 0.05, 0.0, 100.0),
-            EffectParameter("north_N", "N", 5.0, np.inf, 0.5),
-            EffectParameter("east_N", "N", 5.0, np.inf, 0.5),
+            EffectParameter("north_N", "N", 5.0, PULL_N, 0.5),
+            EffectParameter("east_N", "N", 5.0, PULL_N, 0.5),
             EffectParameter("arm_m", "m", around_m, np.inf, 0.05),
         ),
         {"force": force},
         variant_of="tether",
         origin={"arm_m": arm_m},
+        essential="k_N_m",
     )
 
 

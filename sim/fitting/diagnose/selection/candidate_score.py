@@ -52,7 +52,12 @@ def score_candidate(posterior: Posterior, at: slice, effect: Effect) -> Candidat
 
 
 def _possible(effect: Effect, values: np.ndarray, C: np.ndarray) -> bool:
-    """Whether the values are within their limits, or beyond by at most `BEYOND` standard errors."""
+    """Whether the values are within their limits, or beyond by at most `BEYOND` standard errors, and the essential one
+    surely above zero (95 %).
+    """
+    for i, parameter in enumerate(effect.parameters):
+        if parameter.name == effect.essential and values[i] <= Z95 * np.sqrt(C[i, i]):
+            return False
     slack = BEYOND * np.sqrt(np.diag(C))
     lower, upper = effect.limits()
     return bool(((values >= lower - slack) & (values <= upper + slack)).all())

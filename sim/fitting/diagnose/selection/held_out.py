@@ -14,7 +14,7 @@ readings is in all three alike. Intervals: bootstrap over blocks of `HORIZONS_S[
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,10 +25,10 @@ from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.converged_rollout import converged_rollout
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
-from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.readings import Readings
-from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, LATENT, OFFSET, STATE, WANDER, Noise
+from sim.fitting.diagnose.selection.smoothed_logs import ModelUnderTest, smoothed
+from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, LATENT, OFFSET, STATE, WANDER
 from sim.fitting.engine.windows import PSI, RATE, SURGE, SWAY, Windows
 
 HORIZONS_S = (5, 10, 20)
@@ -37,22 +37,10 @@ STRIDE_S = 5.0
 WINDOWS_A_RUN = 2.2  # least number of windows in a run; a second at its beginning is not used
 MOST_WINDOWS = 160  # of 20 s: enough for intervals, few enough for an hour's log
 CHANNELS = {"position": "m", "heading": "deg", "yaw_rate": "deg/s", "surge_accel": "m/s^2", "sway_accel": "m/s^2"}
-SLACKS = (100.0, 10.0, 1.0, 1.0, 1.0)
-"""By step of smoothing from the initial guess, factor on the slack of the ties."""
-MORE_STEPS, SETTLED_NATS = 30, 1.0  # at most, after these; decrease of the cost at which smoothing has converged
-PARTS_OF_A_STEP = (1.0, 0.5, 0.25, 0.1, 0.03)
 BOOTSTRAPS = 1000
 LATE_S = 0.5  # beginning of a window whose fixes belong to the window before, by latency; assumed
 SHOWN = (0.5, 0.9)  # quantiles of the position error of the windows in the report
 MODELS = ("base", "refit", "extended")
-
-
-@dataclass(frozen=True)
-class ModelUnderTest:
-    """One model: parameters theta of effects, and its noise."""
-
-    theta: ParameterValues
-    noise: Noise
 
 
 @dataclass(frozen=True)
@@ -108,8 +96,8 @@ def score(
     fit, lines = PosteriorFit(near, effects, models["base"].noise), Readings(far)
     squares, nats, tracks = {}, {}, {}
     for name, model in models.items():
-        smoothed, nats[name] = _smoothed(fit, model)
-        squares[name], tracks[name] = _open_loop(lines, effects, model, _starts(near, far, of, smoothed))
+        point, nats[name] = smoothed(fit, model)
+        squares[name], tracks[name] = _open_loop(lines, effects, model, _starts(near, far, of, point))
     groups = _groups(far, of)
     samples = near.windows.samples() + len(near.windows.fixes.t_s)
     return HeldOutScore(_errors(squares, groups, seed), nats, samples, _replays(squares, tracks, far))
@@ -140,41 +128,6 @@ def _staggered(runs: Sequence[Run]) -> tuple[list[int], list[Run], float]:
                 of.append(i)
                 out.append(part(run, begin, float(t[-1])) if k else run)
     return of, out, window_s
-
-
-def _smoothed(fit: PosteriorFit, model: ModelUnderTest) -> tuple[LinearisationPoint, float]:
-    """Smoothed nodes with the model's parameters fixed, and its one-step log likelihood [nats].
-
-    A model that is far off, as a first guess may be, needs more steps than `SLACKS`, and shorter ones.
-    """
-    point, nats = fit.point(model.theta, fit.z0, ()), -np.inf
-    for step, slack in enumerate((*SLACKS, *[1.0] * MORE_STEPS), start=1):
-        fit.noise = replace(model.noise, slack=slack * model.noise.slack)
-        dz, nats = fit.node_step(point, fit.noise)
-        point, fell = _downhill(fit, model, point, dz)
-        if step >= len(SLACKS) and fell < SETTLED_NATS:
-            break
-    return point, nats - _log_noise(fit, model.noise)
-
-
-def _downhill(
-    fit: PosteriorFit, model: ModelUnderTest, point: LinearisationPoint, dz: np.ndarray
-) -> tuple[LinearisationPoint, float]:
-    """The point after the step `dz` (W, L), or the largest part of it by which the cost falls; by how many nats."""
-    before = fit.assembled(point, fit.noise)[1]
-    for share in PARTS_OF_A_STEP:
-        with np.errstate(all="ignore"):  # the motion may diverge
-            after = fit.point(model.theta, point.z + share * dz, (), point)
-            fell = before - fit.assembled(after, fit.noise)[1]
-        if fell >= 0:
-            return after, fell
-    return point, 0.0
-
-
-def _log_noise(fit: PosteriorFit, noise: Noise) -> float:
-    """Sum of log sigma over all readings [nats]: the models' white noise may differ."""
-    known = np.isfinite(fit.physics.windows.y).sum(axis=(0, 1))
-    return float(known @ np.log(noise.white)) + 2 * len(fit.physics.windows.fixes.t_s) * float(np.log(noise.fix_m))
 
 
 def _starts(near: EffectPhysics, far: EffectPhysics, of: Sequence[int], smoothed: LinearisationPoint) -> np.ndarray:

@@ -21,8 +21,9 @@ from sim.fitting.diagnose.posterior.fit import PosteriorFit, stack_parameters
 from sim.fitting.diagnose.report.findings import RIVAL_NATS
 from sim.fitting.diagnose.selection.candidate_score import DECISIVE_NATS
 from sim.fitting.diagnose.selection.greedy_selection import Selection, Selector
-from sim.fitting.diagnose.selection.held_out import JUDGED_S, HeldOutScore, ModelUnderTest
+from sim.fitting.diagnose.selection.held_out import JUDGED_S, HeldOutScore
 from sim.fitting.diagnose.selection.model import Refitter
+from sim.fitting.diagnose.selection.smoothed_logs import ModelUnderTest
 
 LEAST_GAIN = 0.01
 """Least share of a reading's error that counts: one of ten is surely better by chance now and then; assumed."""

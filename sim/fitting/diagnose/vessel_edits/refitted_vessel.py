@@ -17,8 +17,8 @@ from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.diagnose.posterior.noise import estimated_latent
 from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.selection.candidate_score import Candidate
-from sim.fitting.diagnose.selection.held_out import ModelUnderTest
 from sim.fitting.diagnose.selection.model import CandidateModel
+from sim.fitting.diagnose.selection.smoothed_logs import ModelUnderTest
 from sim.fitting.diagnose.vessel_edits.edits import CauseValues
 from sim.fitting.diagnose.vessel_edits.extend import (
     REFITTED_WITH_BASE,

@@ -25,7 +25,7 @@ from sim.fitting.diagnose.posterior.state import WindowTrajectories
 from sim.fitting.diagnose.preparation import subsampling
 from sim.fitting.diagnose.preparation.gaps import split_at_pauses
 from sim.fitting.diagnose.preparation.swapped_columns import SLIPS, reject_swapped_columns
-from sim.fitting.diagnose.selection.held_out import MODELS, ModelUnderTest, score
+from sim.fitting.diagnose.selection import held_out, smoothed_logs
 from sim.fitting.engine.split import JobError
 from tests.evidence.diagnose import survive
 from tests.support.vessel_fixtures import boat
@@ -224,8 +224,8 @@ def test_held_out_readings_are_judged_on_the_clock_of_the_fitted_logs():
         return np.zeros((*scene.t_s.shape, 3))
 
     mine = Effect("mine", "hull", "", "", (EffectParameter("p", "1", 1.0, 1.0, 1.0),), {"force": kept})
-    believed = ModelUnderTest({"mine": np.ones(1)}, stated_noise(vessel))
-    score([part(run, 60.0, 99.0)], vessel, [mine], dict.fromkeys(MODELS, believed), training, 0)
+    believed = smoothed_logs.ModelUnderTest({"mine": np.ones(1)}, stated_noise(vessel))
+    held_out.score([part(run, 60.0, 99.0)], vessel, [mine], dict.fromkeys(held_out.MODELS, believed), training, 0)
     assert seen and min(seen) == pytest.approx(60.0, abs=0.2)
 
 

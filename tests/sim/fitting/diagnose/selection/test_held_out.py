@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 
-from sim.fitting.diagnose.selection.held_out import ModelUnderTest, score
+from sim.fitting.diagnose.posterior.noise import stated_noise
+from sim.fitting.diagnose.selection.held_out import score
+from sim.fitting.diagnose.selection.smoothed_logs import ModelUnderTest
 from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, bench, short
 
 
 def scored(**theta: list[float]):
-    fit, _ = bench()
-    model = ModelUnderTest({name: np.array(values) for name, values in theta.items()}, fit.noise)
-    sound = ModelUnderTest({}, fit.noise)
+    fit, noise = bench()[0], stated_noise(VESSEL)
+    model = ModelUnderTest({name: np.array(values) for name, values in theta.items()}, noise)
+    sound = ModelUnderTest({}, noise)
     return score([short()], VESSEL, fit.effects, {"base": sound, "refit": sound, "extended": model}, fit.physics, 0)
 
 

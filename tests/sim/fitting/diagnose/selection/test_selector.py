@@ -11,10 +11,11 @@ import pytest
 
 from companion.logs.runs.splits import parts
 from sim.fitting.diagnose.catalogue import catalogue
+from sim.fitting.diagnose.posterior.evidence import Posterior, Prior
 from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
-from sim.fitting.diagnose.selection.candidate_score import Candidate
+from sim.fitting.diagnose.selection.candidate_score import Candidate, score_candidate
 from sim.fitting.diagnose.selection.greedy_selection import Rivals, Selection, Selector, justifies_removal
 from sim.fitting.diagnose.selection.model import CandidateModel
 from sim.fitting.diagnose.selection.search import search_causes
@@ -183,7 +184,9 @@ def test_two_causes_of_which_one_contains_the_other_are_not_known_together():
 
 
 def test_a_constant_force_is_no_tether():
-    """A pull of 5 N from an anchor 5,000 km away is not one that somebody could look for."""
+    """A pull of 5 N from an anchor 5,000 km away is not one that somebody could look for; of a long rope it is."""
     tether = next(e for e in bench()[0].effects if e.name == "tether")
-    assert [p.name for p in tether.parameters] == ["k_N_m", "north_N", "east_N", "arm_m"]
-    assert tether.size(np.array([1e-6, 5.0, 0.0, 0.0])) < 0.01 < tether.size(np.array([0.1, 0.0, 0.0, 0.0]))
+    at, C = slice(0, 4), np.diag([0.01, 0.1, 0.1, 0.05]) ** 2
+    for k, itself in ((0.001, False), (-0.004, False), (0.03, True)):
+        posterior = Posterior(np.array([k, 5.0, 0.0, 0.0]), C, Prior.zero_mean(np.array([1.0, 10.0, 10.0, 1.0])))
+        assert (score_candidate(posterior, at, tether).lower > 1.0) == itself

@@ -14,8 +14,8 @@ from sim.fitting.diagnose.posterior.noise import UNKNOWN_LEAN, dependence, state
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.selection import held_out_support
 from sim.fitting.diagnose.selection.greedy_selection import Selector
-from sim.fitting.diagnose.selection.held_out import ModelUnderTest
 from sim.fitting.diagnose.selection.search import search_causes
+from sim.fitting.diagnose.selection.smoothed_logs import ModelUnderTest
 from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, short
 
 LEAN = 0.15

@@ -164,8 +164,6 @@ def _leg(state: PilotState, estimate: StateEstimate) -> LegAhead | None:
 
 
 def _findings(state: PilotState) -> tuple[Finding, ...]:
-    """What speaks against the estimate: of accelerometers only what is left out, not that they shake."""
-    monitors = HeadingState, MotionState, PathState
-    found = tuple(finding for kind in monitors for finding in state.monitor(kind).findings)
-    accelerometer = state.monitor(AccelerometerState)
-    return (*accelerometer.findings, *found) if accelerometer.left_out else found
+    """What was found of the sensors."""
+    monitors = AccelerometerState, HeadingState, MotionState, PathState
+    return tuple(finding for kind in monitors for finding in state.monitor(kind).findings)

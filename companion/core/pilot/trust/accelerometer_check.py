@@ -31,16 +31,19 @@ GAP_NS = 500_000_000
 @dataclass(frozen=True)
 class AccelerometerState:
     """`last`: the latest sample; `shakes_m_s2`: mean change beyond what a boat does; `first`: of samples whose specific
-    force is the same as that of the last one; `life`: share of samples that were not the same as the one before;
-    `left_out`: it stands still.
+    force is the same as that of the last one; `life`: share of samples that were not the same as the one before.
     """
 
     last: ImuSample | None = None
     first: ImuSample | None = None
     shakes_m_s2: float = 0.0
     life: float = 0.0
-    left_out: bool = False
     findings: tuple[Finding, ...] = ()
+
+    @property
+    def left_out(self) -> bool:
+        """Whether it stands still."""
+        return any(not f.bearable for f in self.findings)
 
 
 class AccelerometerMonitor(Monitor[AccelerometerState]):
@@ -71,12 +74,12 @@ class AccelerometerMonitor(Monitor[AccelerometerState]):
         if state.life >= LIVELY and _hangs(first, message):
             said = "the same reading for 1 s though the boat turns"
             text = f"the accelerometer is wrong ({said}): left out until the next start"
-            state = replace(state, left_out=True, findings=(*state.findings, Finding("sensor", "accel", text, t_ns)))
+            state = replace(state, findings=(*state.findings, Finding("sensor", "accel", text, t_ns)))
             return state, MonitorReport(alerts=(Alert(t_ns=t_ns, level="error", text=text),), withhold=True)
         if state.shakes_m_s2 > self._limit_m_s2 and not state.findings:
             said = f"it shakes by {state.shakes_m_s2:.1f} m/s^2 from sample to sample as no boat does"
             text = f"the accelerometer is wrong ({said}): it counts for less; is the autopilot mounted firmly?"
-            state = replace(state, findings=(Finding("sensor", "accel", text, t_ns),))
+            state = replace(state, findings=(Finding("sensor", "accel", text, t_ns, bearable=True),))
             return state, MonitorReport(alerts=(Alert(t_ns=t_ns, level="warning", text=text),))
         return state, NOTHING
 

@@ -18,13 +18,16 @@ Cause = Literal["sensor", "thruster", "surroundings"]
 
 @dataclass(frozen=True)
 class Finding:
-    """`cause`; `what`: which sensor, thruster or force, in words; `text`: for the operator; `t_ns`: since when."""
+    """`cause`; `what`: which sensor, thruster or force, in words; `text`: for the operator; `t_ns`: since when;
+    `bearable`: the estimate is as sound as it was.
+    """
 
     cause: Cause
     what: str
     text: str
     t_ns: int
     nats: float = 0.0
+    bearable: bool = False
 
 
 def is_forgotten(findings: tuple[Finding, ...], order: OperatorCommand) -> bool:
@@ -34,6 +37,7 @@ def is_forgotten(findings: tuple[Finding, ...], order: OperatorCommand) -> bool:
 
 def vet(estimate: StateEstimate, findings: tuple[Finding, ...]) -> StateEstimate:
     """The estimate with the health that findings on sensors leave it."""
+    findings = tuple(f for f in findings if not f.bearable)
     if not findings or estimate.health in ("initialising", "lost"):
         return estimate
     reasons = [f.text for f in findings] + ([estimate.reason] if estimate.reason else [])

@@ -65,16 +65,18 @@ class PosteriorFit:
         sigma = noise.tie(point.ties.span_s)[1]
         chain.add_ties(point.ties, sigma)
         start = noise.node_start()
-        off = self._off(point.z)
         chain.A[self._first] += np.diag(1 / start**2)
-        chain.g[self._first] += off / start**2
-        cost = point.cost + self._prior_cost(point.ties.rho, sigma, off, start)
-        return chain, cost, float(np.log(sigma).sum() + len(self._first) * np.log(start).sum())
+        chain.g[self._first] += self._off(point.z) / start**2
+        return chain, self.nodes_cost(point, noise), float(np.log(sigma).sum() + len(self._first) * np.log(start).sum())
+
+    def nodes_cost(self, point: LinearisationPoint, noise: Noise) -> float:
+        """Data, ties and node priors at `noise`, without parameter priors [nats]."""
+        sigma, start = noise.tie(point.ties.span_s)[1], noise.node_start()
+        return point.cost + self._prior_cost(point.ties.rho, sigma, self._off(point.z), start)
 
     def cost(self, point: LinearisationPoint, free: Sequence[Effect], prior: Prior) -> float:
         """The objective at `point` [nats]: data, ties, priors of nodes and parameters."""
-        _, cost, _ = self.assembled(point, self.noise)
-        return cost + self._priors(point.theta, free, prior)[0]
+        return self.nodes_cost(point, self.noise) + self._priors(point.theta, free, prior)[0]
 
     def _off(self, z: np.ndarray) -> np.ndarray:
         off = z[self._first].copy()

@@ -44,11 +44,11 @@ def _downhill(
     fit: PosteriorFit, model: ModelUnderTest, point: LinearisationPoint, dz: np.ndarray
 ) -> tuple[LinearisationPoint, float]:
     """The point after the step `dz` (W, L), or the largest part of it by which the cost falls; by how many nats."""
-    before = fit.assembled(point, fit.noise)[1]
+    before = fit.nodes_cost(point, fit.noise)
     for share in PARTS_OF_A_STEP:
         with np.errstate(all="ignore"):  # the motion may diverge
             after = fit.point(model.theta, point.z + share * dz, (), point)
-            fell = before - fit.assembled(after, fit.noise)[1]
+            fell = before - fit.nodes_cost(after, fit.noise)
         if fell >= 0:
             return after, fell
     return point, 0.0

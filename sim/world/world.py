@@ -36,6 +36,7 @@ from sim.world.channel_sensor import ChannelSensor
 from sim.world.environment import Environment, Moment, Weather, with_terms_of
 from sim.world.plant import Plant, perturbed
 from sim.world.sensors import ImuSensor, UwbFaults, UwbSensor
+from sim.world.sitl_board import HeadingGains, SitlBoard
 from sim.world.uwb_tag import UwbTag
 
 STEP_NS = 10_000_000
@@ -46,7 +47,8 @@ class WorldSetup:
     """What world to make. `mismatch`: how far plant parameters lie off the vessel file (share, uniform).
 
     Of the autopilot: `parameters`, `firmware` ("4.6", "4.7"), `receiver_us` (pulse widths of an RC receiver, empty
-    without one), `serial` (the autopilot's port that the MAVLink peers are on; 0 is USB, which signing trusts).
+    without one), `serial` (the autopilot's port that the MAVLink peers are on; 0 is USB, which signing trusts), `board`
+    (heading and gyros as ArduPilot's simulator has them; None: as the vessel file says).
     """
 
     vessel: VesselFile
@@ -62,6 +64,7 @@ class WorldSetup:
     receiver_us: tuple[int, ...] = ()
     serial: int = 0
     boot_ns: int = 0
+    board: HeadingGains | None = None
 
 
 @dataclass(frozen=True)
@@ -167,6 +170,7 @@ class World(Afloat):
         self.rover = Rover(setup.boot_ns, wired, setup.drift_ppm, channels, setup.firmware, lambda peer: serial)
         self.receiver_us = setup.receiver_us
         self._ahrs = Ahrs(STEP_NS * 1e-9)
+        self._board = SitlBoard(setup.board, STEP_NS * 1e-9) if setup.board else None
         self._fix: GnssFix | None = None
         self._rotation_rad = math.radians(setup.site.rotation_deg)  # an autopilot's heading is from true north
 
@@ -193,6 +197,8 @@ class World(Afloat):
     def _sense(self, moment: Moment) -> SensorFrame:
         """The sensors' next sample, as the autopilot holds it."""
         reading = self.imu.measure(self.plant.motion, moment, STEP_NS)
+        if self._board:
+            reading = self._board.of(reading, self.plant.motion.x)
         p, q, r = reading.gyro_rad_s
         raw = SensorFrame(
             accel_m_s2=reading.accel_m_s2, gyro_rad_s=reading.gyro_rad_s, phi_rad=reading.phi_rad,

@@ -1,6 +1,8 @@
 """The filter at one instant, as a value: state, covariance, thruster forces, gates.
 
-x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | phi theta | b_gx b_gy | e_1 .. e_k]
+x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | phi theta | b_gx b_gy | c_gx c_gy c_gz | e_1 .. e_k]
+
+c: how fast the gyro's biases drift [rad/s^2].
 
 e: slow errors of the other sensors (`Sensor.error_states`), in the order of the boat's table; of UWB a bias an anchor.
 """
@@ -22,7 +24,8 @@ ETA, NU, LATENT = slice(0, 3), slice(3, 6), slice(6, 9)
 DYNAMIC = slice(0, 9)
 NU_INDICES, LATENT_INDICES = range(3, 6), range(6, 9)
 B_ACCEL, B_GYRO, B_PSI = slice(9, 11), 11, 12
-TILT, B_TILT, B_RANGE = slice(13, 15), slice(15, 17), 17
+TILT, B_TILT, B_RANGE = slice(13, 15), slice(15, 17), 20
+DRIFTING, GYRO_DRIFT = (15, 16, 11), (17, 18, 19)
 R = 5
 LAYOUT = RangeLayout(position=(0, 1), velocity=(3, 4), bias=B_RANGE)
 
@@ -53,7 +56,7 @@ class AccelerometerNoise(NamedTuple):
 
 
 class FilterState(msgspec.Struct, frozen=True, kw_only=True):
-    """State x (17 + k,) with covariance P at t_ns; arrays are never changed in place.
+    """State x (20 + k,) with covariance P at t_ns; arrays are never changed in place.
 
     `f_n`: thruster forces delivered now [N]. `rates_rad_s`, `rates_ns`: p, q, r of the last attitude, and when;
     `slopes_rad_s2`: their slopes by the last two attitudes, 0 after a gap. `gates`: of components of channels, by name.

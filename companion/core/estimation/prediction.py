@@ -23,7 +23,9 @@ from companion.core.estimation.filter_state import (
     B_PSI,
     B_RANGE,
     B_TILT,
+    DRIFTING,
     DYNAMIC,
+    GYRO_DRIFT,
     LATENT,
     NU,
     TILT,
@@ -43,20 +45,20 @@ Noise = Callable[[float], tuple[np.ndarray, np.ndarray]]
 
 
 def noise_model(imu: Imu, tuning: EstimatorTuning, errors: Sequence[ErrorState], *, wary: bool = False) -> Noise:
-    """Function dt -> (decay, q): factor per state over dt and process noise variances, both (17 + k,).
+    """Function dt -> (decay, q): factor per state over dt and process noise variances, both (20 + k,).
 
     `wary`: with the latent force of `wary_latent_sigma`, once innovations contradict the file's `model_error`.
     """
     n = B_RANGE + len(errors)
     time_s = np.full(n, np.inf)
     time_s[LATENT] = tuning.lively_time_s if tuning.model_error else tuning.latent_time_s
-    time_s[B_PSI] = imu.heading_wander_time_s
+    time_s[B_PSI], time_s[GYRO_DRIFT,] = imu.heading_wander_time_s, tuning.gyro_drift_time_s
     stationary, walk = np.zeros(n), np.zeros(n)
     stationary[LATENT] = tuning.wary_latent_sigma if wary else tuning.latent_sigma
-    stationary[B_PSI] = imu.heading_wander_sigma_rad
+    stationary[B_PSI], stationary[GYRO_DRIFT,] = imu.heading_wander_sigma_rad, tuning.gyro_drift_sigma_rad_s2
     walk[NU] = [tuning.accel_walk_m_s2_sqrt_s] * 2 + [tuning.yaw_walk_rad_s2_sqrt_s]
     walk[B_ACCEL] = imu.accel_bias_walk_m_s2_sqrt_s
-    walk[B_GYRO] = walk[B_TILT] = math.hypot(imu.gyro_bias_walk_rad_s_sqrt_s, tuning.gyro_drift_rad_s_sqrt_s)
+    walk[B_GYRO] = walk[B_TILT] = imu.gyro_bias_walk_rad_s_sqrt_s
     walk[TILT] = imu.gyro_sigma_rad_s / np.sqrt(imu.rate_Hz)
     for i, error in enumerate(errors, B_RANGE):
         time_s[i], stationary[i], walk[i] = error.time_s, error.stationary, error.walk
@@ -112,6 +114,8 @@ class Predictor:
         x = belief.x * decay
         F = np.diag(decay)
         x[DYNAMIC], F[DYNAMIC, DYNAMIC] = self._process.step(belief.x[DYNAMIC], drive, dt_s)
+        x[DRIFTING,] += dt_s * belief.x[GYRO_DRIFT,]
+        F[DRIFTING, GYRO_DRIFT] = dt_s
         x[LATENT] *= decay[LATENT]
         F[LATENT, LATENT] *= decay[LATENT]
         seen = belief.t_ns - belief.rates_ns <= self._tuning.rates_hold_s * 1e9

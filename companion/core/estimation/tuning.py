@@ -7,6 +7,8 @@ model off by up to 10 %.
 
 from __future__ import annotations
 
+import math
+
 from companion.core.configuration.tables import Table
 from companion.core.configuration.vessel_file import ModelError
 from companion.core.sensors.sensor import GateRule
@@ -47,9 +49,11 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     """Error of the autopilot's roll and pitch at the start: what was seen of a real one under way was 0.012 at most."""
     ahrs_tilt_sigma_rad: float = 0.02
     """The same after a gap, in waves: assumed; with 0.35 m of waves a DCM without GPS errs by 0.015."""
-    gyro_drift_rad_s_sqrt_s: float = 1e-4
-    """Random walk of a gyro's bias on top of the file's. A board that warms up drifts steadily: ArduPilot's simulated
-    one by 0.05 deg/s a minute (SIM_DRIFT_SPEED), which a walk of 5e-5 follows too late (cross-track error 0.09 m)."""
+    gyro_drift_sigma_rad_s2: float = math.radians(0.05) / 60 / math.sqrt(3)
+    """How fast a gyro's bias drifts, on top of the file's random walk: a board that warms up does so steadily, by
+    0.05 deg/s a minute at most, as ArduPilot's simulated one (SIM_DRIFT_SPEED); any rate up to that is as likely."""
+    gyro_drift_time_s: float = 300.0
+    """Correlation time of that; assumed: a board is warm after some minutes."""
     rates_hold_s: float = 0.2
     """Roll and pitch rate are held so long after the last attitude; assumed: a tenth of a wave's period."""
     unseen_tilt_rad_sqrt_s: float = 0.05

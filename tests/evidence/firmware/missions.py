@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from sim.world.environment import Weather
-from tests.evidence.firmware.worlds import READY_S, Autopilot, autopilots, world_of
+from tests.evidence.firmware.worlds import READY_S, Autopilot, autopilots, stand_ins, world_of
 from tests.evidence.line import Line, at_most, between, exactly
 from tests.evidence.main_job.parts import drive_mission
 
@@ -46,12 +46,13 @@ def waves(full: bool) -> Iterator[Line]:
 
 
 def _missions(rough: bool, goals: tuple[tuple[str, float, str], ...]) -> Iterator[Line]:
-    kinds = autopilots()
+    kinds = [*autopilots(), *([] if rough else stand_ins())]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        runs = list(pool.map(drive, [(kind, seed, rough) for kind in kinds for seed in SEEDS]))
-    ours = runs[: len(SEEDS)]
-    for k, (name, binary, _) in enumerate(kinds):
-        mine = runs[k * len(SEEDS) : (k + 1) * len(SEEDS)]
+        driven = list(pool.map(drive, [(kind, seed, rough) for kind in kinds for seed in SEEDS]))
+    runs = {kind: driven[k * len(SEEDS) : (k + 1) * len(SEEDS)] for k, kind in enumerate(kinds)}
+    ours = {kind.gps: mine for kind, mine in runs.items() if kind.board}
+    for kind, mine in runs.items():
+        name = kind.name
         yield exactly(f"{name}: waypoints missed", sum(r["missed"] for r in mine), 0)
         for key, goal, unit in goals:
             values = [r[key] for r in mine]
@@ -59,7 +60,7 @@ def _missions(rough: bool, goals: tuple[tuple[str, float, str], ...]) -> Iterato
         nees = float(np.mean([r["nees"] for r in mine]))
         band = chi2.ppf([0.025, 0.975], 6 * len(mine)) / len(mine)
         yield between(f"{name}: NEES of pose and velocity", nees, *band, note="95 % band of chi2(30)/5")
-        if binary and not rough:
+        if kind.binary and not rough:
             for key, _, _ in goals:
-                ratio = float(np.mean([r[key] for r in ours]) / np.mean([r[key] for r in mine]))
+                ratio = float(np.mean([r[key] for r in ours[kind.gps]]) / np.mean([r[key] for r in mine]))
                 yield between(f"{name}: simulated / real, {key}", ratio, 0.9, 1.1, note="means of 5")

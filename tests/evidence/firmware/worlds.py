@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from sim.world.environment import Weather
 from sim.world.sitl.firmware_world import FirmwareWorld
+from sim.world.sitl_board import DCM, EKF3_WITH_GPS
 from sim.world.world import World, WorldSetup
 from tests.evidence.main_job.parts import reference_boat
 from tests.support.autopilots.firmware_rig import binaries, world_with
@@ -17,11 +18,12 @@ READY_S = 30.0
 
 
 class Autopilot(NamedTuple):
-    """Its name in the tables; binary "": the simulated one, which has no GPS to switch on."""
+    """Its name in the tables; binary "": the simulated one; `board`: with SITL's board, as the firmware has it."""
 
     name: str
     binary: str
     gps: bool
+    board: bool = False
 
 
 def autopilots() -> list[Autopilot]:
@@ -36,10 +38,16 @@ def autopilots() -> list[Autopilot]:
     return [Autopilot("simulated", "", False), *real]
 
 
+def stand_ins() -> list[Autopilot]:
+    """The simulated autopilot with SITL's board, without and with GPS: what a firmware's figures are compared with."""
+    return [Autopilot(f"simulated, SITL's board, GPS {'on' if gps else 'off'}", "", gps, True) for gps in (False, True)]
+
+
 def world_of(
     autopilot: Autopilot, seed: int, weather: Weather | None = None
 ) -> AbstractContextManager[World | FirmwareWorld]:
     """The reference boat with this autopilot."""
     boat = reference_boat()[0]
-    setup = WorldSetup(boat.vessel, boat.site, start=START, weather=weather or Weather())
+    board = (EKF3_WITH_GPS if autopilot.gps else DCM) if autopilot.board else None
+    setup = WorldSetup(boat.vessel, boat.site, start=START, weather=weather or Weather(), board=board)
     return world_with(autopilot.binary, setup, seed, gps=autopilot.gps)

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import ModelError
 from companion.core.estimation.estimator import Estimator
-from companion.core.estimation.filter_state import LATENT, FilterState
+from companion.core.estimation.filter_state import B_RANGE, LATENT, FilterState
 from companion.core.estimation.gates import Gate
 from companion.core.estimation.model_confidence import is_in_doubt, update_confidence
 from companion.core.estimation.prediction import noise_model
@@ -70,7 +70,7 @@ def innovation(d2: float) -> Innovation:
 
 
 def belief() -> FilterState:
-    n = 17
+    n = B_RANGE
     return FilterState(
         t_ns=0, x=np.zeros(n), P=np.eye(n), f_n=np.zeros(4), rates_rad_s=(0.0, 0.0, 0.0), rates_ns=0, anchor_gates=(),
         heading_gate=Gate(), position_gates=(), latest=(), imu_ns=None, position_ns=0, ranges_ns=None, since_ns=0,
@@ -82,7 +82,7 @@ def test_doubt_does_not_come_by_chance_and_comes_of_errors_half_as_large_again(s
     """Half an hour at four ranges a second; then d2 with a mean of 2.25."""
     tuning, rng = EstimatorTuning(model_error=SURE.model_error), np.random.default_rng(seed)
     calm = update_confidence(belief(), map(innovation, rng.normal(size=7200) ** 2), tuning)
-    assert not is_in_doubt(calm, tuning) and np.array_equal(calm.P, np.eye(17))
+    assert not is_in_doubt(calm, tuning) and np.array_equal(calm.P, np.eye(B_RANGE))
     off = update_confidence(calm, map(innovation, 2.25 * rng.normal(size=400) ** 2), tuning)
     assert is_in_doubt(off, tuning)
     assert np.diag(off.P)[LATENT] == pytest.approx(1 + np.square([3.0, 3.0, 1.5]))

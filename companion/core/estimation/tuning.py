@@ -49,9 +49,9 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     """Error of the autopilot's roll and pitch at the start: what was seen of a real one under way was 0.012 at most."""
     ahrs_tilt_sigma_rad: float = 0.02
     """The same after a gap, in waves: assumed; with 0.35 m of waves a DCM without GPS errs by 0.015."""
-    gyro_drift_sigma_rad_s2: float = math.radians(0.05) / 60 / math.sqrt(3)
-    """How fast a gyro's bias drifts, on top of the file's random walk: a board that warms up does so steadily, by
-    0.05 deg/s a minute at most, as ArduPilot's simulated one (SIM_DRIFT_SPEED); any rate up to that is as likely."""
+    gyro_drift_sigma_rad_s2: float = math.radians(0.05) / 60
+    """How fast a gyro's bias drifts, on top of the file's random walk: a board that warms up does so steadily,
+    ArduPilot's simulated one by 0.05 deg/s a minute (SIM_DRIFT_SPEED)."""
     gyro_drift_time_s: float = 300.0
     """Correlation time of that; assumed: a board is warm after some minutes."""
     rates_hold_s: float = 0.2

@@ -1,6 +1,6 @@
 """The boat's extended Kalman filter: sensor messages in, StateEstimate out; pure in its state.
 
-    x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | phi theta | b_gx b_gy | e_1 .. e_k]
+    x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | phi theta | b_gx b_gy | c_gx c_gy c_gz | e_1 .. e_k]
 
 The vessel model, driven by the thruster forces that the commands produce, predicts; what it leaves out (wind,
 current, wrong coefficients) is the latent body force d. Every measurement is fused at its own stamp: one that

@@ -56,9 +56,9 @@ NOISE_MEAN_S, THROUGH_FILTER = 2.0, 2.0
 """T, and the filter's factor, both above. Assumed; measured: 1.4 in sigma."""
 
 
-def _since_s(before_ns: int | None, t_ns: int, never: float = 0.0) -> float:
-    """Time since the sample before [s]; `never`: before the first."""
-    return never if before_ns is None else max(0.0, (t_ns - before_ns) * 1e-9)
+def _since_s(before_ns: int | None, t_ns: int) -> float:
+    """Time since the sample before [s]; at the first one infinite."""
+    return math.inf if before_ns is None else max(0.0, (t_ns - before_ns) * 1e-9)
 
 
 class Inertial:
@@ -76,13 +76,14 @@ class Inertial:
         Drag is quadratic: until speed is known, its curvature is part of the equation's error, or two readings that see
         other slopes tell speed from force as none can.
         """
-        if _since_s(belief.imu_ns, belief.t_ns, math.inf) > self._tuning.imu_timeout_s:
+        since_s = _since_s(belief.imu_ns, belief.t_ns)
+        if since_s > self._tuning.imu_timeout_s:
             activity = UNKNOWN if belief.imu_ns is None else AFTER_GAP
             sigma = self._tuning.lively_sigma * np.exp(np.divide(log_variances(activity), 2))
             belief = replace(belief, P=inflate(belief.P, LATENT_INDICES, sigma), activity=activity)
         drive = self._process.drive(belief.f_n)
         expected, J = self._process.acceleration(belief.x[DYNAMIC], drive)
-        belief = replace(belief, accelerometers=self._noise_of(belief, m))
+        belief = replace(belief, accelerometers=self._noise_of(belief, m, since_s))
         noise = np.diag(self._accel_R + THROUGH_FILTER * np.maximum(0, belief.accelerometers.variance - self._accel_R))
         if not belief.settled:
             noise = noise + self._process.curvature_variance(belief.x[DYNAMIC], drive, J, belief.P[NU, NU])
@@ -100,12 +101,11 @@ class Inertial:
         wider = np.sqrt(np.maximum(surprise, 1.0))
         x, P = self._algebra.update(belief.x, belief.P, nu, H, noise * np.outer(wider, wider))
         innovation = innovation_message(belief.t_ns, "imu", nu, S, bool((surprise <= 1.0).all()))
-        activity = update_activity(belief.activity, (0, 1), z.tolist(), _since_s(belief.imu_ns, belief.t_ns))
+        activity = update_activity(belief.activity, (0, 1), z.tolist(), 0.0 if math.isinf(since_s) else since_s)
         return replace(belief, x=x, P=P, imu_ns=belief.t_ns, activity=activity), (innovation,)
 
-    def _noise_of(self, belief: FilterState, m: ImuSample) -> AccelerometerNoise:
+    def _noise_of(self, belief: FilterState, m: ImuSample, dt_s: float) -> AccelerometerNoise:
         """How noisy accelerometers are with this sample, v above; over a gap differences say nothing."""
-        dt_s = _since_s(belief.imu_ns, belief.t_ns, math.inf)
         variance, last = belief.accelerometers
         last = (*last, (m.ax_m_s2, m.ay_m_s2)) if dt_s <= self._tuning.imu_timeout_s else ()
         if len(last) == 3:

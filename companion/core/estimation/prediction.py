@@ -3,7 +3,8 @@
 latent force, heading wander: first-order Gauss-Markov, d' = d exp(-dt / T), stationary sigma
 the latent force's variance, a its activity, |B| |f| the thrusters' force with signs left out:
     sigma_rest^2 + (share |B| |f|)^2 + (e^a - 1) sigma_lively^2,      e^a sigma^2 where the vessel file states sigma
-biases: random walk; errors of the other sensors: as their `Sensor.error_states` say; roll and pitch: `tilt`
+biases: random walk, those of the gyro with a drift: b' = c + w, c Gauss-Markov; roll and pitch: `tilt`
+errors of the other sensors: as their `Sensor.error_states` say
 u v r: white acceleration on top of the latent force
 """
 

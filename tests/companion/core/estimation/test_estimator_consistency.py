@@ -3,8 +3,8 @@
 NEES = e^T P^-1 e over [x y psi u v r]; six degrees of freedom. Averaged over 20 runs at one instant its 95 % band
 is chi2(120) / 20 = 4.58 .. 7.60; errors are correlated in time, so the mean over a run scatters more.
 
-Where the boat is exactly the model, in still water, the filter may be too careful (4.2 here): it allows for the errors
-of a model, for wind and for gyros that drift. It may never be too sure.
+Where the boat is exactly the model, in still water, the filter may be too careful: it allows for the errors of a
+model, and for wind. It may never be too sure.
 """
 
 import numpy as np

@@ -36,7 +36,7 @@ from sim.world.channel_sensor import ChannelSensor
 from sim.world.environment import Environment, Moment, Weather, with_terms_of
 from sim.world.plant import Plant, perturbed
 from sim.world.sensors import ImuSensor, UwbFaults, UwbSensor
-from sim.world.sitl_board import HeadingGains, SitlBoard
+from sim.world.sitl.board import HeadingGains, SitlBoard
 from sim.world.uwb_tag import UwbTag
 
 STEP_NS = 10_000_000

@@ -6,8 +6,8 @@ from contextlib import AbstractContextManager
 from typing import NamedTuple
 
 from sim.world.environment import Weather
+from sim.world.sitl.board import DCM, EKF3_WITH_GPS
 from sim.world.sitl.firmware_world import FirmwareWorld
-from sim.world.sitl_board import DCM, EKF3_WITH_GPS
 from sim.world.world import World, WorldSetup
 from tests.evidence.main_job.parts import reference_boat
 from tests.support.autopilots.firmware_rig import binaries, world_with

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.world.sensors import ImuReading
-from sim.world.sitl_board import DCM, EKF3_WITH_GPS, GYRO_DRIFT_RAD_S2, HeadingGains, SitlBoard
+from sim.world.sitl.board import DCM, EKF3_WITH_GPS, GYRO_DRIFT_RAD_S2, HeadingGains, SitlBoard
 
 PERIOD_S = 0.01
 

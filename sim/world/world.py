@@ -198,7 +198,7 @@ class World(Afloat):
         """The sensors' next sample, as the autopilot holds it."""
         reading = self.imu.measure(self.plant.motion, moment, STEP_NS)
         if self._board:
-            reading = self._board.of(reading, self.plant.motion.x)
+            reading = self._board.sense(reading, self.plant.motion.x)
         p, q, r = reading.gyro_rad_s
         raw = SensorFrame(
             accel_m_s2=reading.accel_m_s2, gyro_rad_s=reading.gyro_rad_s, phi_rad=reading.phi_rad,

@@ -3,7 +3,6 @@
 x = [x y psi | u v r | X_d Y_d N_d | b_ax b_ay | b_gz | b_psi | phi theta | b_gx b_gy | c_gx c_gy c_gz | e_1 .. e_k]
 
 c: how fast the gyro's biases drift [rad/s^2].
-
 e: slow errors of the other sensors (`Sensor.error_states`), in the order of the boat's table; of UWB a bias an anchor.
 """
 
@@ -25,8 +24,8 @@ DYNAMIC = slice(0, 9)
 NU_INDICES, LATENT_INDICES = range(3, 6), range(6, 9)
 B_ACCEL, B_GYRO, B_PSI = slice(9, 11), 11, 12
 TILT, B_TILT, B_RANGE = slice(13, 15), slice(15, 17), 20
-DRIFTING, GYRO_DRIFT = (15, 16, 11), (17, 18, 19)
-"""The gyro's biases in the order of x, y, z, and how fast they drift."""
+B_GYRO_XYZ, GYRO_DRIFT = [15, 16, 11], [17, 18, 19]
+"""Lists of indices: the gyro's biases about x, y, z, and how fast they drift."""
 R = 5
 LAYOUT = RangeLayout(position=(0, 1), velocity=(3, 4), bias=B_RANGE)
 

@@ -21,10 +21,10 @@ from companion.core.estimation.command_history import TimedCommand, active_comma
 from companion.core.estimation.filter_state import (
     B_ACCEL,
     B_GYRO,
+    B_GYRO_XYZ,
     B_PSI,
     B_RANGE,
     B_TILT,
-    DRIFTING,
     DYNAMIC,
     GYRO_DRIFT,
     LATENT,
@@ -53,10 +53,10 @@ def noise_model(imu: Imu, tuning: EstimatorTuning, errors: Sequence[ErrorState],
     n = B_RANGE + len(errors)
     time_s = np.full(n, np.inf)
     time_s[LATENT] = tuning.lively_time_s if tuning.model_error else tuning.latent_time_s
-    time_s[B_PSI], time_s[GYRO_DRIFT,] = imu.heading_wander_time_s, tuning.gyro_drift_time_s
+    time_s[B_PSI], time_s[GYRO_DRIFT] = imu.heading_wander_time_s, tuning.gyro_drift_time_s
     stationary, walk = np.zeros(n), np.zeros(n)
     stationary[LATENT] = tuning.wary_latent_sigma if wary else tuning.latent_sigma
-    stationary[B_PSI], stationary[GYRO_DRIFT,] = imu.heading_wander_sigma_rad, tuning.gyro_drift_sigma_rad_s2
+    stationary[B_PSI], stationary[GYRO_DRIFT] = imu.heading_wander_sigma_rad, tuning.gyro_drift_sigma_rad_s2
     walk[NU] = [tuning.accel_walk_m_s2_sqrt_s] * 2 + [tuning.yaw_walk_rad_s2_sqrt_s]
     walk[B_ACCEL] = imu.accel_bias_walk_m_s2_sqrt_s
     walk[B_GYRO] = walk[B_TILT] = imu.gyro_bias_walk_rad_s_sqrt_s
@@ -115,8 +115,8 @@ class Predictor:
         x = belief.x * decay
         F = np.diag(decay)
         x[DYNAMIC], F[DYNAMIC, DYNAMIC] = self._process.step(belief.x[DYNAMIC], drive, dt_s)
-        x[DRIFTING,] += dt_s * belief.x[GYRO_DRIFT,]
-        F[DRIFTING, GYRO_DRIFT] = dt_s
+        x[B_GYRO_XYZ] += dt_s * belief.x[GYRO_DRIFT]
+        F[B_GYRO_XYZ, GYRO_DRIFT] = dt_s
         x[LATENT] *= decay[LATENT]
         F[LATENT, LATENT] *= decay[LATENT]
         seen = belief.t_ns - belief.rates_ns <= self._tuning.rates_hold_s * 1e9

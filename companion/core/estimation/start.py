@@ -164,7 +164,7 @@ class Starter:
         sigma[LATENT] = tuning.latent_sigma
         sigma[B_ACCEL], sigma[B_GYRO] = imu.accel_bias_sigma_m_s2, imu.gyro_bias_sigma_rad_s
         sigma[TILT], sigma[B_TILT] = tuning.start_tilt_sigma_rad, imu.gyro_bias_sigma_rad_s
-        sigma[GYRO_DRIFT,] = tuning.gyro_drift_sigma_rad_s2
+        sigma[GYRO_DRIFT] = tuning.gyro_drift_sigma_rad_s2
         sigma[B_PSI], sigma[B_RANGE:] = imu.heading_wander_sigma_rad, errors
         P = np.diag(sigma**2)
         P[2, B_PSI] = P[B_PSI, 2] = -(imu.heading_wander_sigma_rad**2)

@@ -58,7 +58,7 @@ def test_a_gyro_that_warms_up_takes_its_biases_along():
     vessel, tuning = boat("aritra"), EstimatorTuning()
     imu, c, seconds = vessel.sensors.imu, np.array([1.0, -2.0, 3.0]) * 1e-5, 20.0
     known = replace(belief(), x=np.zeros(B_RANGE), P=np.zeros((B_RANGE, B_RANGE)))
-    known.x[GYRO_DRIFT,] = c
+    known.x[GYRO_DRIFT] = c
     known.P[GYRO_DRIFT, GYRO_DRIFT] = tuning.gyro_drift_sigma_rad_s2**2
     after = predictor_of(vessel, tuning).to(known, round(seconds * 1e9), (TimedCommand(0, np.zeros(4)),))
     assert [*after.x[B_TILT], after.x[B_GYRO]] == pytest.approx(seconds * c, rel=0.04)

@@ -26,6 +26,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
 from companion.core.messages import GroundTruth, Measured
 from companion.core.messages.sensors import GnssFix
+from companion.core.model.sensor_errors import apply_heading_errors
 from companion.core.sensors.table import sensors_of
 from drivers.devices import DEVICES
 from sim.world.ahrs import Ahrs
@@ -196,9 +197,11 @@ class World(Afloat):
 
     def _sense(self, moment: Moment) -> SensorFrame:
         """The sensors' next sample, as the autopilot holds it."""
-        reading = self.imu.measure(self.plant.motion, moment, STEP_NS)
+        motion = self.plant.motion
+        reading = self.imu.measure(motion, moment, STEP_NS)
         if self._board:
-            reading = self._board.sense(reading, self.plant.motion.x)
+            compass_rad = apply_heading_errors(self.vessel.sensors.imu, float(motion.x[2]))
+            reading = self._board.sense(reading, compass_rad, math.hypot(*motion.x[3:5]))
         p, q, r = reading.gyro_rad_s
         raw = SensorFrame(
             accel_m_s2=reading.accel_m_s2, gyro_rad_s=reading.gyro_rad_s, phi_rad=reading.phi_rad,

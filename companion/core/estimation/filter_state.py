@@ -24,7 +24,7 @@ DYNAMIC = slice(0, 9)
 NU_INDICES, LATENT_INDICES = range(3, 6), range(6, 9)
 B_ACCEL, B_GYRO, B_PSI = slice(9, 11), 11, 12
 TILT, B_TILT, B_RANGE = slice(13, 15), slice(15, 17), 20
-B_GYRO_XYZ, GYRO_DRIFT = [15, 16, 11], [17, 18, 19]
+B_GYRO_XYZ, GYRO_DRIFT = [*range(B_TILT.start, B_TILT.stop), B_GYRO], [17, 18, 19]
 """Lists of indices: the gyro's biases about x, y, z, and how fast they drift."""
 R = 5
 LAYOUT = RangeLayout(position=(0, 1), velocity=(3, 4), bias=B_RANGE)

@@ -20,11 +20,9 @@ from companion.core.configuration.sensors import Imu
 from companion.core.estimation.command_history import TimedCommand, active_command
 from companion.core.estimation.filter_state import (
     B_ACCEL,
-    B_GYRO,
     B_GYRO_XYZ,
     B_PSI,
     B_RANGE,
-    B_TILT,
     DYNAMIC,
     GYRO_DRIFT,
     LATENT,
@@ -59,7 +57,7 @@ def noise_model(imu: Imu, tuning: EstimatorTuning, errors: Sequence[ErrorState],
     stationary[B_PSI], stationary[GYRO_DRIFT] = imu.heading_wander_sigma_rad, tuning.gyro_drift_sigma_rad_s2
     walk[NU] = [tuning.accel_walk_m_s2_sqrt_s] * 2 + [tuning.yaw_walk_rad_s2_sqrt_s]
     walk[B_ACCEL] = imu.accel_bias_walk_m_s2_sqrt_s
-    walk[B_GYRO] = walk[B_TILT] = imu.gyro_bias_walk_rad_s_sqrt_s
+    walk[B_GYRO_XYZ] = imu.gyro_bias_walk_rad_s_sqrt_s
     walk[TILT] = imu.gyro_sigma_rad_s / np.sqrt(imu.rate_Hz)
     for i, error in enumerate(errors, B_RANGE):
         time_s[i], stationary[i], walk[i] = error.time_s, error.stationary, error.walk

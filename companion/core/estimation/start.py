@@ -19,10 +19,9 @@ from companion.core.configuration.sensors import Sensors
 from companion.core.configuration.site_file import Site
 from companion.core.estimation.filter_state import (
     B_ACCEL,
-    B_GYRO,
+    B_GYRO_XYZ,
     B_PSI,
     B_RANGE,
-    B_TILT,
     GYRO_DRIFT,
     LATENT,
     LATENT_INDICES,
@@ -162,9 +161,8 @@ class Starter:
         sigma[2] = np.hypot(imu.heading_sigma_rad, imu.heading_wander_sigma_rad)
         sigma[3:5], sigma[5] = tuning.start_velocity_sigma_m_s, tuning.start_rate_sigma_rad_s
         sigma[LATENT] = tuning.latent_sigma
-        sigma[B_ACCEL], sigma[B_GYRO] = imu.accel_bias_sigma_m_s2, imu.gyro_bias_sigma_rad_s
-        sigma[TILT], sigma[B_TILT] = tuning.start_tilt_sigma_rad, imu.gyro_bias_sigma_rad_s
-        sigma[GYRO_DRIFT] = tuning.gyro_drift_sigma_rad_s2
+        sigma[B_ACCEL], sigma[TILT] = imu.accel_bias_sigma_m_s2, tuning.start_tilt_sigma_rad
+        sigma[B_GYRO_XYZ], sigma[GYRO_DRIFT] = imu.gyro_bias_sigma_rad_s, tuning.gyro_drift_sigma_rad_s2
         sigma[B_PSI], sigma[B_RANGE:] = imu.heading_wander_sigma_rad, errors
         P = np.diag(sigma**2)
         P[2, B_PSI] = P[B_PSI, 2] = -(imu.heading_wander_sigma_rad**2)

@@ -15,13 +15,11 @@ from collections import deque
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-
 from companion.core.geometry.frames import ssa
 from sim.world.sensors import ImuReading
 
 GYRO_DRIFT_RAD_S2 = math.radians(0.05) / 60
-"""c: SIM_DRIFT_SPEED; it turns after five minutes, which no mission lasts."""
+"""c: SIM_DRIFT_SPEED, 0.05 deg/s a minute; it turns after five minutes, which no mission lasts."""
 COMPASS_LATE_S = 0.04
 """Fitted with the gains of DCM: 0.036 s."""
 UNDER_WAY_M_S = 0.3
@@ -52,11 +50,11 @@ class SitlBoard:
         self._gyro_rad_s = self._offset_rad = self._t_s = 0.0
         self._under_way = False
 
-    def sense(self, reading: ImuReading, x: np.ndarray) -> ImuReading:
-        """The reading with this board's gyros and heading; `x`: the boat's true state [x y psi u v r ..]."""
+    def sense(self, reading: ImuReading, compass_rad: float, speed_m_s: float) -> ImuReading:
+        """The reading with this board's gyros and heading."""
         self._t_s += self._period_s
-        self._compass_rad.append(float(x[2]))
-        self._under_way |= math.hypot(x[3], x[4]) > UNDER_WAY_M_S
+        self._compass_rad.append(compass_rad)
+        self._under_way |= speed_m_s > UNDER_WAY_M_S
         if math.isnan(self._psi_rad):
             self._psi_rad = self._compass_rad[0]
         drift = GYRO_DRIFT_RAD_S2 * self._t_s

@@ -21,12 +21,11 @@ from companion.core.estimation.estimator import Estimator, EstimatorState
 from companion.core.messages import AnchorRange, Attitude, ImuSample, Message, StateEstimate, UwbRanges
 from companion.core.model.integrate import BufferedStep, DelayLine, step_function
 from companion.core.model.manoeuvring import StructuredModel, coefficients
+from sim.world.sitl.board import GYRO_DRIFT_RAD_S2
 from tests.support.vessel_fixtures import boat
 
 H_S = 0.01
 G = 9.80665
-GYRO_DRIFT_RAD_S2 = math.radians(0.05) / 60
-"""As fast as the gyros of a board that warms up, at most: SIM_DRIFT_SPEED of ArduPilot's simulator, 0.05 deg/s/min."""
 SITE = Path(__file__).resolve().parents[4] / "deploy" / "sites" / "basin.toml"
 LATE_S = low_pass_delay_s(PROVISIONED_HZ)
 PATHS = ("square", "eight", "circle")

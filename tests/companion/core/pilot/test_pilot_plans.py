@@ -18,6 +18,7 @@ from tests.companion.core.pilot.pilot_shell import (
     operator,
     plan,
 )
+from tests.support.drive_fixture import setup
 
 # --- plans and the ladder --------------------------------------------------------------------------
 
@@ -174,14 +175,15 @@ def test_taken_away_means_neutral_until_the_operator_starts(end):
 
 
 def test_hold_keeps_station_where_the_boat_is():
-    """Where it can stop: 2 s of its speed ahead at most."""
+    """Where braking from U ends, U^2 / 2a ahead of it."""
     shell = on_the_leg()
     going(shell)
     shell.feed(operator("hold"))
     (reference,) = [o for o in shell.tick() if isinstance(o, m.GuidanceReference)]
     estimate = shell.state.estimate
     away = math.hypot(reference.north_ref_m - estimate.north_m, reference.east_ref_m - estimate.east_m)
-    assert reference.phase == "station" and away < 2.0 * math.hypot(estimate.u_m_s, estimate.v_m_s)
+    braking_m = (estimate.u_m_s**2 + estimate.v_m_s**2) / (2 * setup().pilot.guidance.limits.deceleration_m_s2)
+    assert reference.phase == "station" and away == pytest.approx(braking_m)
 
 
 def test_without_an_estimate_nothing_is_asked_for():

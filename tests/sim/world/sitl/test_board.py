@@ -18,14 +18,14 @@ def heading_error_deg(gains: HeadingGains, turn_rad_s: float, turn_s: float, aft
         r = turn_rad_s if k * PERIOD_S < turn_s else 0.0
         psi += r * PERIOD_S
         reading = ImuReading((0.0, 0.0, -9.81), (0.0, 0.0, r), 0.0, 0.0, math.nan)
-        psi_rad = board.sense(reading, np.array([0.0, 0.0, psi, u_m_s, 0.0, r])).psi_rad
+        psi_rad = board.sense(reading, psi, u_m_s).psi_rad
     return math.degrees(psi_rad - psi)
 
 
 def test_the_gyros_warm_up():
     board = SitlBoard(DCM, PERIOD_S)
     for _ in range(6000):
-        reading = board.sense(ImuReading((0.0, 0.0, -9.81), (0.1, 0.2, 0.3), 0.0, 0.0, 0.0), np.zeros(6))
+        reading = board.sense(ImuReading((0.0, 0.0, -9.81), (0.1, 0.2, 0.3), 0.0, 0.0, 0.0), 0.0, 0.0)
     assert np.subtract(reading.gyro_rad_s, (0.1, 0.2, 0.3)) == pytest.approx([math.radians(0.05)] * 3)
 
 

@@ -53,24 +53,38 @@ def _undisturbed() -> Iterator[None]:
         gc.enable()
 
 
+class BenchClock(NamedTuple):
+    """A clock [s] that only goes forward, and how to wait on it [s]."""
+
+    now: Callable[[], float]
+    sleep: Callable[[float], object]
+
+
+WALL = BenchClock(time.perf_counter, time.sleep)
+
+
 def times_of(
-    calls: Iterable[Callable[[], Any]], *, every_s: float = 0.0, rehearse: Callable[[], object] | None = None
+    calls: Iterable[Callable[[], Any]],
+    *,
+    every_s: float = 0.0,
+    rehearse: Callable[[], object] | None = None,
+    clock: BenchClock = WALL,
 ) -> Iterator[tuple[float, Any]]:
     """Seconds and result of each call. `every_s`: at that cadence, asleep in between, so that caches are cold;
     `rehearse` is called as long before as the boat does, and asleep again after.
     """
     with _undisturbed():
-        due = time.monotonic()
+        due = clock.now()
         for call in calls:
             if every_s:
                 due += every_s
                 if rehearse:
-                    time.sleep(max(0.0, due - REHEARSAL_S - time.monotonic()))
+                    clock.sleep(max(0.0, due - REHEARSAL_S - clock.now()))
                     rehearse()
-                time.sleep(max(0.0, due - time.monotonic()))
-            started = time.perf_counter()
+                clock.sleep(max(0.0, due - clock.now()))
+            started = clock.now()
             result = call()
-            yield time.perf_counter() - started, result
+            yield clock.now() - started, result
 
 
 class Replayed(NamedTuple):

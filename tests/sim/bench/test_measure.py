@@ -1,7 +1,7 @@
 """The benchmark measures what it says: solvers of one problem, one timing, honest ratios, growth, the machine."""
 
 import io
-import time
+from collections.abc import Callable
 from functools import cache
 
 import msgspec
@@ -18,7 +18,7 @@ from companion.core.model.thrusters import configuration_matrix
 from companion.jit import machine as compiled
 from sim.bench.controller import compare
 from sim.bench.controller.nlp import Nlp
-from sim.bench.controller.rounds import Solved, Timed, interleaved, replay, times_of
+from sim.bench.controller.rounds import REHEARSAL_S, BenchClock, Solved, Timed, interleaved, replay, times_of
 from sim.bench.controller.solvers import RtiPlanner
 from sim.bench.growth.measure import with_thrusters
 from sim.bench.growth.scaling_exponent import bend, exponent
@@ -75,21 +75,42 @@ def test_without_machine_code_its_rows_are_refused_and_not_filled_by_the_interpr
     assert any("interpreted" in p.name for p in planners)
 
 
-@pytest.mark.alone
-def test_calls_at_a_cadence_are_that_far_apart():
-    at = []
-    found = list(times_of([lambda: at.append(time.monotonic())] * 6, every_s=0.02))
-    assert len(found) == 6 and all(took < 0.02 for took, _ in found)
-    assert at[-1] - at[0] >= 5 * 0.02 - 0.005
+class SteppedTime:
+    """A clock that stands still but for waiting, for what calls take, and for waits that end late."""
+
+    def __init__(self, late_s: float = 0.0):
+        self.now_s, self.late_s = 0.0, late_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds + self.late_s
+
+    def call(self, word: str, takes_s: float, seen: list) -> Callable[[], None]:
+        def run() -> None:
+            seen.append((word, self.now_s))
+            self.now_s += takes_s
+
+        return run
+
+    def clock(self) -> BenchClock:
+        return BenchClock(lambda: self.now_s, self.sleep)
 
 
-@pytest.mark.alone
+@pytest.mark.parametrize("late_s", [0.0, 0.003])
+def test_calls_at_a_cadence_are_that_far_apart(late_s):
+    """A wait that ends late delays its own call and no other."""
+    stepped, seen = SteppedTime(late_s), []
+    found = list(times_of([stepped.call("call", 0.004, seen)] * 6, every_s=0.02, clock=stepped.clock()))
+    assert [took for took, _ in found] == pytest.approx([0.004] * 6)
+    assert [at for _, at in seen] == pytest.approx([0.02 * k + late_s for k in range(1, 7)])
+
+
 def test_a_rehearsal_lies_before_its_call_and_is_not_in_its_time():
-    told = []
-    calls = [lambda: told.append(("call", time.monotonic()))] * 4
-    found = list(times_of(calls, every_s=0.02, rehearse=lambda: told.append(("again", time.monotonic()))))
-    assert [word for word, _ in told] == ["again", "call"] * 4 and all(took < 0.001 for took, _ in found)
-    assert all(0.001 <= b - a <= 0.01 for (_, a), (_, b) in zip(told[::2], told[1::2], strict=True))
+    stepped, seen = SteppedTime(), []
+    calls, rehearse = [stepped.call("call", 0.0005, seen)] * 4, stepped.call("again", 0.0005, seen)
+    found = list(times_of(calls, every_s=0.02, rehearse=rehearse, clock=stepped.clock()))
+    assert [word for word, _ in seen] == ["again", "call"] * 4
+    assert [took for took, _ in found] == pytest.approx([0.0005] * 4)
+    assert [b - a for (_, a), (_, b) in zip(seen[::2], seen[1::2], strict=True)] == pytest.approx([REHEARSAL_S] * 4)
 
 
 def test_a_rehearsal_changes_no_plan():

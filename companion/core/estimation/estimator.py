@@ -220,12 +220,13 @@ class Estimator:
 
     def _fuse(self, belief: FilterState, m: Measured) -> Result:
         """Measurement update by a message of the filter state's own instant."""
-        belief, innovations = self._fusions[type(m)](belief, m)
+        before = belief
+        belief, innovations = self._fusions[type(m)](before, m)
         if not self._aids(m):
             return belief, innovations
         belief = update_confidence(belief, innovations, self.tuning)
         belief = replace(belief, fixes=belief.fixes + (belief.position_ns == belief.t_ns))
-        return replace(belief, settled=is_settled(belief, self.tuning)), innovations
+        return replace(belief, settled=is_settled(before, belief, self.tuning)), innovations
 
     def _young(self, history: tuple[BufferedMeasurement, ...]) -> tuple[BufferedMeasurement, ...]:
         """History without what is older than `history_s`, but for one entry to start a replay from."""

@@ -7,6 +7,8 @@ degraded   no position, IMU or heading for too long (the filter dead-reckons), p
 
 from __future__ import annotations
 
+import math
+
 from companion.core.estimation.filter_state import LAYOUT, FilterState
 from companion.core.estimation.ranging.ranges import position_sigma_m
 from companion.core.estimation.tuning import EstimatorTuning
@@ -18,12 +20,17 @@ DISPLACED_S = 10.0
 """A position taken anew is told for so long; assumed, and shorter than `control.blind_s`: nothing is missing."""
 
 
-def is_settled(belief: FilterState, tuning: EstimatorTuning) -> bool:
-    """Whether speed is known well enough after a start or a gap; once true it stays so until the next gap."""
-    since_s = (belief.t_ns - belief.since_ns) * 1e-9
-    if belief.settled or since_s < tuning.settle_s or belief.fixes < tuning.settle_fixes:
-        return belief.settled
-    return max(belief.P[i, i] for i in LAYOUT.velocity) <= tuning.settled_velocity_sigma_m_s**2
+def is_settled(before: FilterState, after: FilterState, tuning: EstimatorTuning) -> bool:
+    """Whether speed is known well enough after a start or a gap, `before` a position was fused as well as `after`.
+
+    Once true it stays so until the next gap.
+    """
+    since_s = (after.t_ns - after.since_ns) * 1e-9
+    is_early = since_s < tuning.settle_s or after.fixes < tuning.settle_fixes
+    if after.settled or is_early or after.position_ns == before.position_ns:
+        return after.settled
+    known_before, known = (math.sqrt(max(b.P[i, i] for i in LAYOUT.velocity)) for b in (before, after))
+    return known_before <= tuning.settled_before_fix_sigma_m_s and known <= tuning.settled_velocity_sigma_m_s
 
 
 def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning, position: PositionHealth) -> tuple[Health, str]:

@@ -30,7 +30,6 @@ from companion.core.estimation.filter_state import (
     B_PSI,
     DYNAMIC,
     LATENT_INDICES,
-    NU,
     TILT,
     AccelerometerNoise,
     FilterState,
@@ -41,7 +40,7 @@ from companion.core.estimation.filter_state import (
 from companion.core.estimation.gates import judge
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.latent_activity import AFTER_GAP, UNKNOWN, log_variances, update_activity
-from companion.core.estimation.process import Process
+from companion.core.estimation.process import Process, at_rest
 from companion.core.estimation.ranging.ranges import inflate
 from companion.core.estimation.tilt import level_jacobian, yaw_rate
 from companion.core.estimation.tuning import EstimatorTuning
@@ -73,8 +72,7 @@ class Inertial:
     def fuse_imu(self, belief: FilterState, m: ImuSample) -> Result:
         """One update by a_x, a_y. At the first one, and after a gap, the latent force may be any wave's.
 
-        Drag is quadratic: until speed is known, its curvature is part of the equation's error, or two readings that see
-        other slopes tell speed from force as none can.
+        Until speed is known, the slope of drag is that at rest (`process.at_rest`), as in the prediction.
         """
         since_s = _since_s(belief.imu_ns, belief.t_ns)
         if since_s > self._tuning.imu_timeout_s:
@@ -86,7 +84,7 @@ class Inertial:
         belief = replace(belief, accelerometers=self._noise_of(belief, m, since_s))
         noise = np.diag(self._accel_R + THROUGH_FILTER * np.maximum(0, belief.accelerometers.variance - self._accel_R))
         if not belief.settled:
-            noise = noise + self._process.curvature_variance(belief.x[DYNAMIC], drive, J, belief.P[NU, NU])
+            J = self._process.acceleration(at_rest(belief.x[DYNAMIC]), drive)[1]
         tilt, force = belief.tilt, (m.ax_m_s2, m.ay_m_s2, m.az_m_s2)
         p_dot, q_dot, _ = belief.slopes_rad_s2
         expected = expected + np.array([q_dot, -p_dot]) * self._z_m

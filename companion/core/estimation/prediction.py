@@ -33,7 +33,7 @@ from companion.core.estimation.filter_state import (
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.latent_activity import log_variances, update_means
 from companion.core.estimation.model_confidence import is_in_doubt
-from companion.core.estimation.process import Process
+from companion.core.estimation.process import SPEED, Process, at_rest
 from companion.core.estimation.tilt import advance_tilt
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.model.integrate import VesselModel
@@ -113,6 +113,8 @@ class Predictor:
         x = belief.x * decay
         F = np.diag(decay)
         x[DYNAMIC], F[DYNAMIC, DYNAMIC] = self._process.step(belief.x[DYNAMIC], drive, dt_s)
+        if not belief.settled:
+            F[SPEED, SPEED] = self._process.step(at_rest(belief.x[DYNAMIC]), drive, dt_s)[1][SPEED, SPEED]
         x[B_GYRO_XYZ] += dt_s * belief.x[GYRO_DRIFT]
         F[B_GYRO_XYZ, GYRO_DRIFT] = dt_s
         x[LATENT] *= decay[LATENT]
@@ -121,7 +123,8 @@ class Predictor:
         advance_tilt(x, F, belief.x, _rates(belief, t_ns) if seen else (0.0, 0.0), dt_s)
         if not seen:
             q[TILT] += self._tuning.unseen_tilt_rad_sqrt_s**2 * dt_s
-        P = self._algebra.predict(belief.P, x, F, np.diag(q))
+        # Half of the noise comes before the step, grown by what decays: a force that changes within it moves the speed.
+        P = self._algebra.predict(belief.P + np.diag(q / 2 / decay**2), x, F, np.diag(q / 2))
         means = update_means(belief.latent_means, x[LATENT].tolist(), levels, dt_s)
         return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n, latent_means=means)
 

@@ -15,9 +15,22 @@ import casadi as ca
 import numpy as np
 
 from companion.core.geometry.frames import point_acceleration
-from companion.core.model.integrate import NU, BufferedStep, VesselModel, eta_dot, rk4
+from companion.core.model.integrate import BufferedStep, VesselModel, eta_dot, rk4
 
 STATES = 9
+SPEED = slice(3, 5)
+"""Indices of u and v in s."""
+
+
+def at_rest(s: np.ndarray) -> np.ndarray:
+    """s (9,) without surge and sway: where equations of a boat whose speed nobody knows are linearised.
+
+    Drag is quadratic. A tangent that moves with the estimate makes two readings of one acceleration tell speed from
+    force, which none can; one that stays does not (first-estimates Jacobian: Huang, Mourikis, Roumeliotis 2010).
+    """
+    resting = s.copy()
+    resting[SPEED] = 0.0
+    return resting
 
 
 class Process:
@@ -42,23 +55,6 @@ class Process:
     def acceleration(self, s: np.ndarray, drive: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """[a_x a_y] as an unbiased IMU in a level boat would give them, shape (2,), and the Jacobian, shape (2, 9)."""
         return _split(self._acceleration(s, drive), 2)
-
-    def curvature_variance(self, s: np.ndarray, drive: np.ndarray, J: np.ndarray, P_nu: np.ndarray) -> np.ndarray:
-        """Covariance (2, 2) of what the tangent J at s leaves of [a_x a_y] for velocities of covariance P_nu (3, 3).
-
-        By its second-order term, e_k = delta^T A_k delta / 2:   cov(e_k, e_l) = tr(A_k P_nu A_l P_nu) / 2, with A_k L
-        by the change of J along the columns of L, P_nu = L L^T, ahead and astern (the mean of both): drag has a kink at
-        rest, where a second derivative tells nothing. Bar-Shalom, Li, Kirubarajan 2001, section 10.3.2.
-        """
-        L = np.linalg.cholesky(P_nu)
-        bent = np.empty((2, 2, 3, 3))
-        for side, sign in enumerate((1.0, -1.0)):
-            for i, column in enumerate(L.T):
-                moved = s.copy()
-                moved[NU] += sign * column
-                bent[side, :, i] = (self.acceleration(moved, drive)[1] - J)[:, NU] @ L
-        bent = (bent + bent.swapaxes(2, 3)) / 2
-        return np.einsum("skij,slij->kl", bent, bent) / 4
 
 
 def _split(packed: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:

@@ -89,9 +89,11 @@ class EstimatorTuning(Table, frozen=True, kw_only=True):
     settle_s: float = 3.0
     """After a start, or a gap in all sensors of more than `imu_timeout_s`, the estimate is degraded for so long, until
     `settle_fixes` positions have been accepted, and until the sigma of u and v is below `settled_velocity_sigma_m_s`
-    at one of them: speed is known to 0.2 m/s then. `settle_most_s` ends it in any case. Assumed."""
+    at one of them and below `settled_before_fix_sigma_m_s` right before it: speed is known to 0.2 m/s then, by three
+    sigma at the worst moment. `settle_most_s` ends it in any case. Assumed."""
     settle_fixes: int = 4
     settled_velocity_sigma_m_s: float = 0.045
+    settled_before_fix_sigma_m_s: float = 0.2 / 3
     settle_most_s: float = 20.0
 
     @property

@@ -7,13 +7,17 @@ import numpy as np
 import pytest
 
 from companion.core.estimation.estimator import Estimator
-from companion.core.estimation.filter_state import B_GYRO, B_PSI, B_RANGE
+from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, LAYOUT, TILT
+from companion.core.estimation.health import is_settled
+from companion.core.estimation.inertial import Inertial
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.latent_activity import MOST
+from companion.core.estimation.process import SPEED, Process
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import rotate, ssa
 from companion.core.messages import AnchorRange, Attitude, ImuSample, UwbPosition, UwbRanges
+from companion.core.model.manoeuvring import StructuredModel
 from companion.core.sensors.uwb import HEALTH
 from tests.companion.core.estimation.changed_runs import S, between, changed
 from tests.companion.core.estimation.estimator_world import LATE_S, basin, estimate, step_all, without
@@ -179,6 +183,46 @@ def test_rates_count_when_the_filters_saw_them_and_heading_at_its_stamp(running,
     assert abs(x[5]) * late_ns * 1e-9 > 5e-4
     assert heading.innovation[0] == pytest.approx(0.0, abs=1e-9)
     assert rate.innovation[0] == pytest.approx(0.0, abs=1e-3)  # level axes: roll and pitch are small here
+
+
+def test_one_acceleration_seen_at_two_estimates_of_speed_does_not_tell_speed(running, estimator) -> None:
+    """Two readings as expected, the estimate moved in between; the latent force may be any, as after a gap."""
+    vessel, tuning = boat("aritra"), EstimatorTuning()
+    process = Process(StructuredModel.of(vessel), (vessel.sensors.imu.x_m, vessel.sensors.imu.y_m))
+    inertial = Inertial(process, vessel.sensors.imu, tuning, KalmanEquations(B_RANGE + 4))
+    now = estimator.belief(running, 3_300_000_000)
+
+    def sigma_m_s(settled: bool) -> float:
+        P = np.diag(np.diag(now.P))
+        P[SPEED, SPEED], P[LATENT, LATENT] = np.eye(2) * 0.5**2, np.eye(3) * 90.0**2
+        belief = msgspec.structs.replace(now, P=P, settled=settled, slopes_rad_s2=(0.0, 0.0, 0.0))
+        for speed_m_s in ((0.0, 0.0), (0.9, 0.3), (1.5, -0.4)):
+            x = belief.x.copy()
+            x[SPEED], x[TILT] = speed_m_s, 0.0
+            ax, ay = process.acceleration(x[DYNAMIC], process.drive(belief.f_n))[0] + x[B_ACCEL]
+            m = ImuSample(
+                t_ns=0, t_rx_ns=0, source="test", ax_m_s2=ax, ay_m_s2=ay, az_m_s2=-9.81, p_rad_s=0.0, q_rad_s=0.0,
+                r_rad_s=0.0,
+            )  # fmt: skip
+            belief, _ = inertial.fuse_imu(msgspec.structs.replace(belief, x=x), m)
+        return math.sqrt(max(belief.P[i, i] for i in LAYOUT.velocity))
+
+    assert sigma_m_s(settled=False) > 0.48 and sigma_m_s(settled=True) < 0.2
+
+
+@pytest.mark.parametrize(("before_m_s", "settled"), [(0.06, True), (0.07, False)])
+def test_speed_is_known_when_it_was_right_before_a_position_too(running, estimator, before_m_s, settled) -> None:
+    def of_speed(belief, sigma_m_s):
+        P = belief.P.copy()
+        P[3, 3] = P[4, 4] = sigma_m_s**2
+        return msgspec.structs.replace(belief, P=P, settled=False, fixes=9, since_ns=belief.t_ns - 9 * S)
+
+    now = estimator.belief(running, 3_300_000_000)
+    before, after = of_speed(now, before_m_s), of_speed(now, 0.04)
+    fixed = msgspec.structs.replace(after, position_ns=after.t_ns)
+    assert before.position_ns < after.t_ns
+    assert is_settled(before, fixed, estimator.tuning) is settled
+    assert not is_settled(before, after, estimator.tuning), "no position came"
 
 
 def test_without_imu_it_says_so_and_goes_on(run, estimator) -> None:

@@ -55,24 +55,6 @@ def test_process_and_imu_jacobians_equal_finite_differences(process: Process) ->
         )
 
 
-@pytest.mark.parametrize("nu", [(0.5, 0.1, 0.1), (1.2, -0.3, 0.4), (0.0, 0.0, 0.0)])
-def test_what_the_tangent_of_the_imu_s_equation_leaves_is_that_of_drawn_velocities(process: Process, nu) -> None:
-    rng, P = np.random.default_rng(7), np.diag([0.5, 0.5, 0.2]) ** 2
-    P[0, 1] = P[1, 0] = 0.1
-    s, tau = np.array([0, 0, 0, *nu, 1, -2, 0.5], float), np.array([15.0, 3.0, 1.0])
-    at, J = process.acceleration(s, tau)
-    left = []
-    for delta in rng.multivariate_normal(np.zeros(3), P, 20_000):
-        moved = s.copy()
-        moved[3:6] += delta
-        left.append(process.acceleration(moved, tau)[0] - at - J[:, 3:6] @ delta)
-    drawn, stated = np.cov(np.transpose(left)), process.curvature_variance(s, tau, J, P)
-    np.testing.assert_allclose(np.sqrt(np.diag(stated)), np.sqrt(np.diag(drawn)), rtol=0.35)
-    assert np.linalg.eigvalsh(stated).min() >= 0.0
-    known = process.curvature_variance(s, tau, J, P / 1e4)
-    assert np.sqrt(np.diag(known)).max() < 0.02 * np.sqrt(np.diag(stated)).max()
-
-
 def test_process_equals_scipys_integrator(process: Process) -> None:
     model, rng = StructuredModel.of(boat("aritra")), np.random.default_rng(1)
     w, tau = ca.SX.sym("w", 6), ca.SX.sym("tau", 3)

@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from scipy.linalg import expm
 
 from companion.core.estimation.command_history import TimedCommand
-from companion.core.estimation.filter_state import B_GYRO, B_RANGE, B_TILT, GYRO_DRIFT, LATENT
+from companion.core.estimation.filter_state import B_GYRO, B_RANGE, B_TILT, GYRO_DRIFT, LATENT, NU
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.prediction import Predictor
 from companion.core.estimation.process import Process
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.model.actuators.propulsion import channels_of
-from companion.core.model.manoeuvring import StructuredModel
+from companion.core.model.manoeuvring import StructuredModel, mass_matrix
 from tests.companion.core.model.test_model_error import SURE, belief
 from tests.support.vessel_fixtures import boat
 
@@ -39,6 +40,22 @@ def test_thrusters_that_push_against_each_other_count_as_all_others():
     assert still == pytest.approx(np.square([1.0, 1.0, 0.5]))
     assert driven - still == pytest.approx(np.square(0.5 * 5.0 * np.abs(B).sum(axis=1)))
     assert latent_variance(vessel, -f_n) == pytest.approx(driven)
+
+
+def test_a_force_that_changes_within_a_step_moves_the_speed():
+    """Covariances of force and speed after 20 ms from certainty: Van Loan's integral, of a boat at rest."""
+    vessel, dt_s = boat("aritra"), DT_NS * 1e-9
+    tuning = EstimatorTuning()
+    known = replace(belief(), P=np.zeros((B_RANGE, B_RANGE)))
+    after = predictor_of(vessel, tuning).to(known, DT_NS, (TimedCommand(0, np.zeros(4)),))
+    A, q = np.zeros((6, 6)), np.zeros(6)  # [nu, d]
+    A[:3, 3:] = np.linalg.inv(mass_matrix(vessel))
+    A[3:, 3:] = -np.eye(3) / tuning.latent_time_s
+    q[3:] = 2 * np.square(tuning.latent_sigma) / tuning.latent_time_s
+    loan = expm(np.block([[-A, np.diag(q)], [np.zeros((6, 6)), A.T]]) * dt_s)
+    exact = loan[6:, 6:].T @ loan[:6, 6:]
+    assert np.diag(after.P[LATENT, NU]) == pytest.approx(np.diag(exact[3:, :3]), rel=0.02)
+    assert np.diag(after.P[LATENT, LATENT]) == pytest.approx(np.diag(exact[3:, 3:]))
 
 
 def test_what_the_file_states_holds_for_all_thrust():

@@ -23,7 +23,7 @@ Vec3 = tuple[float, float, float]
 KP, KI = 0.2, 0.0087
 CORRECTION_S, INTEGRAL_S = 0.2, 5.0
 DRIFT_RAD_S2 = math.radians(0.5 / 60)
-"""Fastest change of the integral: the drift of a gyro, as the firmware's simulated board has it."""
+"""Fastest change of the integral, 0.5 deg/s a minute: what AP_AHRS_DCM allows a gyro to drift."""
 SPIN_RAD_S = math.radians(20)
 """Above this spin rate the integral waits."""
 

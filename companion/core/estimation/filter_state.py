@@ -97,6 +97,10 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
         """Roll and pitch [rad]."""
         return Tilt(float(self.x[TILT.start]), float(self.x[TILT.start + 1]))
 
+    def is_settling(self, most_s: float) -> bool:
+        """Whether speed is not known yet, at most so long after the start or the last gap in all sensors."""
+        return not self.settled and self.t_ns - self.since_ns <= most_s * 1e9
+
 
 class BufferedMeasurement(NamedTuple):
     """One message at the instant when it was measured, and the filter after it."""

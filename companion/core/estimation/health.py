@@ -44,7 +44,7 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning, position: Po
     imu_s = float("inf") if belief.imu_ns is None else (t_ns - belief.imu_ns) * 1e-9
     heading_s = belief.heading_gate.starved_s(t_ns)
     sigma_m = position_sigma_m(LAYOUT, belief.P)
-    settles = not belief.settled and t_ns - belief.since_ns <= tuning.settle_most_s * 1e9
+    settles = belief.is_settling(tuning.settle_most_s)
     reasons = [SETTLES] if settles else []
     if position_s > position.timeout_s:
         reasons.append(f"no {position.label} accepted for {position_s:.1f} s, dead reckoning")

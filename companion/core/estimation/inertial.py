@@ -83,7 +83,7 @@ class Inertial:
         expected, J = self._process.acceleration(belief.x[DYNAMIC], drive)
         belief = replace(belief, accelerometers=self._noise_of(belief, m, since_s))
         noise = np.diag(self._accel_R + THROUGH_FILTER * np.maximum(0, belief.accelerometers.variance - self._accel_R))
-        if not belief.settled:
+        if belief.is_settling(self._tuning.settle_most_s):
             J = self._process.acceleration(at_rest(belief.x[DYNAMIC]), drive)[1]
         tilt, force = belief.tilt, (m.ax_m_s2, m.ay_m_s2, m.az_m_s2)
         p_dot, q_dot, _ = belief.slopes_rad_s2

@@ -113,7 +113,7 @@ class Predictor:
         x = belief.x * decay
         F = np.diag(decay)
         x[DYNAMIC], F[DYNAMIC, DYNAMIC] = self._process.step(belief.x[DYNAMIC], drive, dt_s)
-        if not belief.settled:
+        if belief.is_settling(self._tuning.settle_most_s):
             F[SPEED, SPEED] = self._process.step(at_rest(belief.x[DYNAMIC]), drive, dt_s)[1][SPEED, SPEED]
         x[B_GYRO_XYZ] += dt_s * belief.x[GYRO_DRIFT]
         F[B_GYRO_XYZ, GYRO_DRIFT] = dt_s

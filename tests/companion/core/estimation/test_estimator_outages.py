@@ -192,10 +192,12 @@ def test_one_acceleration_seen_at_two_estimates_of_speed_does_not_tell_speed(run
     inertial = Inertial(process, vessel.sensors.imu, tuning, KalmanEquations(B_RANGE + 4))
     now = estimator.belief(running, 3_300_000_000)
 
-    def sigma_m_s(settled: bool) -> float:
+    def sigma_m_s(since_s: float, settled: bool = False) -> float:
         P = np.diag(np.diag(now.P))
         P[SPEED, SPEED], P[LATENT, LATENT] = np.eye(2) * 0.5**2, np.eye(3) * 90.0**2
-        belief = msgspec.structs.replace(now, P=P, settled=settled, slopes_rad_s2=(0.0, 0.0, 0.0))
+        belief = msgspec.structs.replace(
+            now, P=P, settled=settled, since_ns=now.t_ns - round(since_s * S), slopes_rad_s2=(0.0, 0.0, 0.0)
+        )
         for speed_m_s in ((0.0, 0.0), (0.9, 0.3), (1.5, -0.4)):
             x = belief.x.copy()
             x[SPEED], x[TILT] = speed_m_s, 0.0
@@ -207,7 +209,9 @@ def test_one_acceleration_seen_at_two_estimates_of_speed_does_not_tell_speed(run
             belief, _ = inertial.fuse_imu(msgspec.structs.replace(belief, x=x), m)
         return math.sqrt(max(belief.P[i, i] for i in LAYOUT.velocity))
 
-    assert sigma_m_s(settled=False) > 0.48 and sigma_m_s(settled=True) < 0.2
+    assert sigma_m_s(since_s=3.0) > 0.48
+    assert sigma_m_s(since_s=21.0) < 0.2, "it is taken for known then"
+    assert sigma_m_s(since_s=3.0, settled=True) < 0.2
 
 
 @pytest.mark.parametrize(("before_m_s", "settled"), [(0.06, True), (0.07, False)])

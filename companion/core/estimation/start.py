@@ -37,7 +37,6 @@ from companion.core.estimation.ranging.ranges import (
     PLACE_SIGMA_M,
     AnchorHistory,
     decorrelate,
-    inflate,
 )
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import origin_position, to_level
@@ -175,11 +174,14 @@ class Starter:
 
 
 def after_gap(belief: FilterState, tuning: EstimatorTuning) -> FilterState:
-    """The filter state after a gap in all sensors: whatever drove or pushed the boat, velocity is unknown.
+    """The filter state after a gap in all sensors: whatever drove or pushed the boat, its speed is that of any boat.
 
+    Velocity is as unknown as at a start, and no more: a prediction over seconds gives it a sigma of up to 3 m/s, which
+    no boat has, and over which no equation is linear.
     Where yaw is less certain than a heading's gate is wide, the next heading is believed.
     """
     sigma = tuning.start_velocity_sigma_m_s, tuning.start_velocity_sigma_m_s, tuning.start_rate_sigma_rad_s
-    P = inflate(decorrelate(belief.P, (*NU_INDICES, *LATENT_INDICES)), NU_INDICES, sigma)
+    P = decorrelate(belief.P, (*NU_INDICES, *LATENT_INDICES))
+    P[NU_INDICES, NU_INDICES] = np.square(sigma)
     gate = OPEN if P[2, 2] > tuning.heading_gate.ceiling**2 else belief.heading_gate
     return msgspec.structs.replace(belief, P=P, heading_gate=gate, since_ns=belief.t_ns, fixes=0, settled=False)

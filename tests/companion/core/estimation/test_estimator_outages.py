@@ -14,6 +14,7 @@ from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.latent_activity import MOST
 from companion.core.estimation.process import SPEED, Process
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
+from companion.core.estimation.start import after_gap
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import rotate, ssa
 from companion.core.messages import AnchorRange, Attitude, ImuSample, UwbPosition, UwbRanges
@@ -183,6 +184,17 @@ def test_rates_count_when_the_filters_saw_them_and_heading_at_its_stamp(running,
     assert abs(x[5]) * late_ns * 1e-9 > 5e-4
     assert heading.innovation[0] == pytest.approx(0.0, abs=1e-9)
     assert rate.innovation[0] == pytest.approx(0.0, abs=1e-3)  # level axes: roll and pitch are small here
+
+
+@pytest.mark.parametrize("waves_n", [3.0, 90.0])
+def test_after_a_gap_speed_is_as_unknown_as_at_a_start_and_no_more(running, estimator, waves_n) -> None:
+    """However long a force of any size may have pushed the boat meanwhile."""
+    now, tuning = estimator.belief(running, 3_300_000_000), estimator.tuning
+    P = now.P.copy()
+    P[SPEED, SPEED] += np.eye(2) * (waves_n / 30.0) ** 2
+    after = after_gap(msgspec.structs.replace(now, P=P), tuning)
+    assert [math.sqrt(after.P[i, i]) for i in LAYOUT.velocity] == pytest.approx([tuning.start_velocity_sigma_m_s] * 2)
+    assert not after.settled and np.linalg.eigvalsh(after.P).min() > 0.0
 
 
 def test_one_acceleration_seen_at_two_estimates_of_speed_does_not_tell_speed(running, estimator) -> None:

@@ -20,7 +20,7 @@ from companion.core.estimation.ranging.ranges import AnchorHistory, RangeLayout
 from companion.core.messages import Innovation, Measured
 
 ETA, NU, LATENT = slice(0, 3), slice(3, 6), slice(6, 9)
-DYNAMIC = slice(0, 9)
+DYNAMIC, SPEED = slice(0, 9), slice(3, 5)
 NU_INDICES, LATENT_INDICES = range(3, 6), range(6, 9)
 B_ACCEL, B_GYRO, B_PSI = slice(9, 11), 11, 12
 TILT, B_TILT, B_RANGE = slice(13, 15), slice(15, 17), 20

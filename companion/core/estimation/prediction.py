@@ -27,13 +27,14 @@ from companion.core.estimation.filter_state import (
     GYRO_DRIFT,
     LATENT,
     NU,
+    SPEED,
     TILT,
     FilterState,
 )
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.latent_activity import log_variances, update_means
 from companion.core.estimation.model_confidence import is_in_doubt
-from companion.core.estimation.process import SPEED, Process, at_rest
+from companion.core.estimation.process import Process, at_rest
 from companion.core.estimation.tilt import advance_tilt
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.model.integrate import VesselModel

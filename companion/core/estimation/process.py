@@ -14,12 +14,11 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
+from companion.core.estimation.filter_state import SPEED
 from companion.core.geometry.frames import point_acceleration
 from companion.core.model.integrate import BufferedStep, VesselModel, eta_dot, rk4
 
 STATES = 9
-SPEED = slice(3, 5)
-"""Indices of u and v in s."""
 
 
 def at_rest(s: np.ndarray) -> np.ndarray:

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from companion.core.estimation.estimator import Estimator
-from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, LAYOUT, TILT
+from companion.core.estimation.filter_state import B_ACCEL, B_GYRO, B_PSI, B_RANGE, DYNAMIC, LATENT, LAYOUT, SPEED, TILT
 from companion.core.estimation.health import is_settled
 from companion.core.estimation.inertial import Inertial
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.latent_activity import MOST
-from companion.core.estimation.process import SPEED, Process
+from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
 from companion.core.estimation.start import after_gap
 from companion.core.estimation.tuning import EstimatorTuning

@@ -42,7 +42,7 @@ from companion.core.estimation.model_confidence import update_confidence
 from companion.core.estimation.prediction import Predictor
 from companion.core.estimation.process import Process
 from companion.core.estimation.ranging.uwb_fusion import UwbFusion
-from companion.core.estimation.start import FilterStart, Starter, after_gap
+from companion.core.estimation.start import FilterStart, Starter, after_gap, counted
 from companion.core.estimation.tuning import EstimatorTuning
 from companion.core.geometry.frames import ssa
 from companion.core.messages import (
@@ -225,7 +225,7 @@ class Estimator:
         if not self._aids(m):
             return belief, innovations
         belief = update_confidence(belief, innovations, self.tuning)
-        belief = replace(belief, fixes=belief.fixes + (belief.position_ns == belief.t_ns))
+        belief = counted(before, belief, self._limits.timeout_s)
         return replace(belief, settled=is_settled(before, belief, self.tuning)), innovations
 
     def _young(self, history: tuple[BufferedMeasurement, ...]) -> tuple[BufferedMeasurement, ...]:

@@ -61,10 +61,10 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     `f_n`: thruster forces delivered now [N]. `rates_rad_s`, `rates_ns`: p, q, r of the last attitude, and when;
     `slopes_rad_s2`: their slopes by the last two attitudes, 0 after a gap. `gates`: of components of channels, by name.
     `imu_ns`, `position_ns`, `ranges_ns`: the last IMU sample, accepted position, ranges. `accelerometers`: how noisy
-    they are. `since_ns`: the start, or the end of the last gap in all sensors; `fixes`: positions accepted since then;
-    `settled`: speed is known since then. `displaced_ns`: when positions last moved the boat against its motion;
-    `astray`: another place on which ranges agree since then. `doubt`: the cumulative sum of `model_confidence`;
-    `activity`: of the latent force, see `latent_activity`; `latent_means`: of that force.
+    they are. `since_ns`: the start, or the end of the last gap in all sensors, or in positions while speed was not
+    known; `fixes`: positions accepted since then; `settled`: speed is known since then. `displaced_ns`: when positions
+    last moved the boat against its motion; `astray`: another place on which ranges agree since then. `doubt`: the
+    cumulative sum of `model_confidence`; `activity`: of the latent force, see `latent_activity`; `latent_means`: of it.
     """
 
     t_ns: int
@@ -98,7 +98,7 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
         return Tilt(float(self.x[TILT.start]), float(self.x[TILT.start + 1]))
 
     def is_settling(self, most_s: float) -> bool:
-        """Whether speed is not known yet, at most so long after the start or the last gap in all sensors."""
+        """Whether speed is not known yet, at most so long after the start or the last gap."""
         return not self.settled and self.t_ns - self.since_ns <= most_s * 1e9
 
 

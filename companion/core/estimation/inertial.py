@@ -50,7 +50,8 @@ from companion.core.sensors.inertial import OfTheImu
 
 SHORTEST_S = 0.005
 """Two attitudes closer than that give no slope of the rates; assumed: a quarter of the period at 50 Hz."""
-
+MOST_SLOPE_RAD_S2 = 5.0
+"""Of roll and pitch rates, which no gate judges; more is a glitch. Assumed: a wave of 5 degrees and 2.5 s has 0.6."""
 NOISE_MEAN_S, THROUGH_FILTER = 2.0, 2.0
 """T, and the filter's factor, both above. Assumed; measured: 1.4 in sigma."""
 
@@ -125,12 +126,13 @@ class Inertial:
         dt_s, hold_s = _since_s(belief.rates_ns, belief.t_ns), self._tuning.rates_hold_s
         if dt_s > hold_s:
             belief = self._level(belief, m)
-        rates = (m.p_rad_s, m.q_rad_s, m.r_rad_s)
-        slopes = (0.0, 0.0, 0.0)
-        if SHORTEST_S <= dt_s <= hold_s:
-            slopes = (np.subtract(rates, belief.rates_rad_s) / dt_s).tolist()
-        belief = replace(belief, rates_rad_s=rates, rates_ns=belief.t_ns, slopes_rad_s2=tuple(slopes))
-        rate, late_s = yaw_rate(belief.tilt, m.q_rad_s, m.r_rad_s), OfTheImu.latency_s
+        rates, slopes = (m.p_rad_s, m.q_rad_s, m.r_rad_s), (0.0, 0.0, 0.0)
+        if dt_s <= hold_s:
+            last, most = np.array(belief.rates_rad_s), np.array([*[MOST_SLOPE_RAD_S2 * dt_s] * 2, math.inf])
+            rates = tuple(np.clip(rates, last - most, last + most).tolist())
+            slopes = tuple((np.subtract(rates, last) / dt_s).tolist()) if dt_s >= SHORTEST_S else slopes
+        belief = replace(belief, rates_rad_s=rates, rates_ns=belief.t_ns, slopes_rad_s2=slopes)
+        rate, late_s = yaw_rate(belief.tilt, rates[1], m.r_rad_s), OfTheImu.latency_s
         x, has_heading = belief.x, not math.isnan(m.psi_rad)  # a heading that was left out is none
         heading = ssa(m.psi_rad - x[2] - late_s * x[R] - x[B_PSI]) if has_heading else 0.0
         nu = np.array([heading, rate - x[R] - x[B_GYRO]])

@@ -86,6 +86,8 @@ class Starter:
         """What is known after a message, and the first belief once there is enough."""
         if isinstance(m, Attitude):
             return replace(start, heading=None if math.isnan(m.psi_rad) else m), None
+        recent = (tuple(r for r in each if t_ns - r.t_ns <= READINGS_NS) for each in start.readings)
+        start = replace(start, readings=tuple(recent))
         if isinstance(m, UwbRanges):
             readings = list(start.readings)
             for i, range_m in ((self._number[r.anchor], r.range_m) for r in m.ranges if r.anchor in self._number):
@@ -106,7 +108,7 @@ class Starter:
             (i, (t_ns - seen.t_ns) * 1e-9, seen.range_m)
             for each in zip_longest(*start.readings)
             for i, seen in enumerate(each)
-            if seen and t_ns - seen.t_ns <= READINGS_NS
+            if seen
         ]
         if (anchors := len({i for i, _, _ in recent})) < 3:
             return f"{anchors} of the 3 anchors that a start needs are in range"
@@ -132,7 +134,7 @@ class Starter:
     ) -> tuple[FilterStart, FilterState | None]:
         """The first belief at a place, if there is a heading; of a sensor of positions, if a fix before agrees."""
         heading = start.heading
-        if heading is None:
+        if heading is None or abs(t_ns - heading.t_ns) > self._tuning.imu_timeout_s * 1e9:
             return replace(start, reason="no heading from the autopilot"), None
         turned = (t_ns - heading.t_ns) * 1e-9 * heading.r_rad_s
         heading = msgspec.structs.replace(heading, psi_rad=heading.psi_rad + turned)
@@ -185,3 +187,16 @@ def after_gap(belief: FilterState, tuning: EstimatorTuning) -> FilterState:
     P[NU_INDICES, NU_INDICES] = np.square(sigma)
     gate = OPEN if P[2, 2] > tuning.heading_gate.ceiling**2 else belief.heading_gate
     return msgspec.structs.replace(belief, P=P, heading_gate=gate, since_ns=belief.t_ns, fixes=0, settled=False)
+
+
+def counted(before: FilterState, after: FilterState, timeout_s: float) -> FilterState:
+    """The filter state after a message that aids, its position counted if it was accepted.
+
+    The first one after `timeout_s` without begins the count and the time anew, unless speed was known before: time
+    alone tells nothing about it.
+    """
+    if after.position_ns != after.t_ns:
+        return after
+    if not before.settled and after.t_ns - before.position_ns > timeout_s * 1e9:
+        return msgspec.structs.replace(after, since_ns=after.t_ns, fixes=1)
+    return msgspec.structs.replace(after, fixes=after.fixes + 1)

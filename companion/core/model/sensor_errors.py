@@ -86,9 +86,9 @@ def arrival_time_ns(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
 
 
 def measurement_time_ns(uwb: Uwb, t_ns: int, zero_ns: int) -> int:
-    """Instant [ns] of the measurement that arrived at `t_ns`."""
+    """Instant [ns] of the measurement that arrived at `t_ns`, never after it."""
     since = t_ns - zero_ns - round(uwb.latency_s * 1e9)
-    return zero_ns + since - round(drifted(uwb.clock_drift_s_s, since))
+    return min(t_ns, zero_ns + since - round(drifted(uwb.clock_drift_s_s, since)))
 
 
 def drifted(drift_s_s: float, since: Any) -> Any:

@@ -69,7 +69,7 @@ class AttitudeSensor(OfTheImu):
     def screen(m: Attitude) -> tuple[Attitude | None, str]:
         """Finite angles and rates; a heading that was left out (NaN) is none."""
         angles = within(MAX_ANGLE_RAD, m.phi_rad, m.theta_rad, 0.0 if math.isnan(m.psi_rad) else m.psi_rad)
-        return verdict(m, angles and within(MAX_RATE_RAD_S, m.r_rad_s), "heading")
+        return verdict(m, angles and within(MAX_RATE_RAD_S, m.p_rad_s, m.q_rad_s, m.r_rad_s), "heading")
 
     def correct(self, m: Attitude) -> Attitude:
         """Without the compass' known errors and the gyro's."""

@@ -69,7 +69,7 @@ class UwbFusion:
             latest[i] = AnchorHistory(belief.t_ns, range_m)
         belief = replace(belief, latest=tuple(latest))
         x, P, gates, innovations = belief.x, belief.P, list(belief.anchor_gates), []
-        position_ns, displaced_ns = belief.position_ns, belief.displaced_ns
+        position_ns = belief.position_ns
         arm = self.arm(belief)
         model, find = partial(self.range_model, arm), partial(self._find, belief.latest, belief.t_ns, arm)
         left = [RangeMeasurement(i, range_m, model, find) for i, range_m in known]
@@ -78,8 +78,6 @@ class UwbFusion:
         while left:
             one = left.pop(self._ranges.best(x, P, left))
             fused = self._ranges.fuse(x, P, gates, one, belief.t_ns)
-            if fused.verdict == "reopened" and contradicts(LAYOUT, x, P, fused.x):
-                displaced_ns = belief.t_ns
             x, P, gates[one.anchor] = fused.x, fused.P, fused.gate
             accepted = fused.verdict != "rejected"
             position_ns = belief.t_ns if accepted else position_ns
@@ -87,7 +85,7 @@ class UwbFusion:
             innovations.append(innovation_message(belief.t_ns, f"range {self._ids[one.anchor]}", nu, S, accepted))
         after = replace(
             belief, x=x, P=P, anchor_gates=tuple(gates), position_ns=position_ns,
-            ranges_ns=belief.t_ns if known else belief.ranges_ns, displaced_ns=displaced_ns,
+            ranges_ns=belief.t_ns if known else belief.ranges_ns, displaced_ns=_displaced_ns(belief, x),
         )  # fmt: skip
         return self._agreed(after, arm), tuple(innovations)
 
@@ -148,10 +146,10 @@ class UwbFusion:
             return belief
         x, P = relocate(LAYOUT, belief.x, belief.P, places[0])
         gates = tuple(Gate(belief.t_ns) if i in use else gate for i, gate in enumerate(belief.anchor_gates))
-        displaced_ns = belief.t_ns if contradicts(LAYOUT, belief.x, belief.P, x) else belief.displaced_ns
         return replace(
-            belief, x=x, P=P, anchor_gates=gates, astray=None, position_ns=belief.t_ns, displaced_ns=displaced_ns
-        )
+            belief, x=x, P=P, anchor_gates=gates, astray=None, position_ns=belief.t_ns,
+            displaced_ns=_displaced_ns(belief, x),
+        )  # fmt: skip
 
     def _fits(self, x: np.ndarray, arm: tuple[float, float, float], ranges: Sequence[tuple[int, float]]) -> bool:
         """Whether a state explains ranges, each (number of its anchor, range [m])."""
@@ -209,5 +207,13 @@ class UwbFusion:
                 P = inflate(decorrelate(P, (axis,)), (axis,), max(PLACE_SIGMA_M, abs(float(nu[0]))))
                 P = inflate(P, LAYOUT.velocity, VELOCITY_SIGMA_M_S)
             x, P = self._algebra.update(x, P, nu, H, R)
-        position_ns = all_accepted_ns(gates, belief.position_ns)
-        return replace(belief, x=x, P=P, position_gates=tuple(gates), position_ns=position_ns), tuple(innovations)
+        after = replace(
+            belief, x=x, P=P, position_gates=tuple(gates), position_ns=all_accepted_ns(gates, belief.position_ns),
+            displaced_ns=_displaced_ns(belief, x),
+        )  # fmt: skip
+        return after, tuple(innovations)
+
+
+def _displaced_ns(belief: FilterState, x: np.ndarray) -> int | None:
+    """When positions last moved the boat against its motion: now, if the state x contradicts the one before."""
+    return belief.t_ns if contradicts(LAYOUT, belief.x, belief.P, x) else belief.displaced_ns

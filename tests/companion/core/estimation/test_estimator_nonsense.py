@@ -3,11 +3,15 @@
 import math
 
 import msgspec
+import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.core.estimation.filter_state import SPEED
 from companion.core.messages import AnchorRange, Attitude, Battery, ImuSample, UwbPosition, UwbRanges
-from tests.companion.core.estimation.changed_runs import S
+from tests.companion.core.estimation.changed_runs import S, between, changed
+from tests.companion.core.estimation.estimator_world import estimate
 
 
 def test_numbers_that_are_not_finite_start_the_filter_afresh(run, estimator) -> None:
@@ -36,6 +40,50 @@ def test_a_heading_that_is_left_out_starts_nothing(run, estimator) -> None:
     for m in run.messages[cut : 2 * cut]:
         state, _ = estimator.step(state, m)
     assert estimator.estimate(state, m.t_ns).health != "initialising" and state.restarts == 0
+
+
+@pytest.mark.parametrize("change_rad_s", [1.0, 60.0, 1e4, math.nan])
+def test_one_wrong_rate_of_roll_or_pitch_does_not_become_speed(run, estimator, change_rad_s) -> None:
+    """A wrong tilt takes gravity for an acceleration, and its own variance is small."""
+    wrong = next(m for m in run.messages if isinstance(m, Attitude) and between(m, 20, 99))
+
+    def glitch(m):
+        if m is not wrong:
+            return m
+        return msgspec.structs.replace(m, p_rad_s=m.p_rad_s + change_rad_s, q_rad_s=m.q_rad_s - change_rad_s)
+
+    for e in estimate(changed(run, glitch), estimator).estimates:
+        if e.t_ns > 20 * S:
+            off = np.subtract((e.u_m_s, e.v_m_s), run.truth(e.t_ns / S)[SPEED])
+            assert e.health == "healthy" and np.hypot(*off) < 0.2
+
+
+def test_one_range_before_the_start_does_not_keep_positions_out(run, estimator) -> None:
+    """Of a tag that sends now these and now those."""
+    state, sent = estimator.initial(), 0
+    for m in run.messages:
+        if isinstance(m, UwbRanges) and not sent:
+            state, _ = estimator.step(state, msgspec.structs.replace(m, ranges=m.ranges[:1]))
+            sent = m.t_rx_ns
+        elif isinstance(m, UwbRanges):
+            x = run.truth(m.t_rx_ns / S - 0.08)
+            position = UwbPosition(t_ns=m.t_ns, t_rx_ns=m.t_rx_ns, tag="t", x_m=x[1], y_m=x[0], z_m=0.4)
+            state, _ = estimator.step(state, position)
+        else:
+            state, _ = estimator.step(state, m)
+        if m.t_rx_ns > sent + 8 * S > 8 * S:
+            break
+    assert estimator.estimate(state, m.t_rx_ns).health != "initialising"
+
+
+def test_an_old_heading_starts_nothing(run, estimator) -> None:
+    first = next(m for m in run.messages if isinstance(m, Attitude))
+    state, _ = estimator.step(estimator.initial(), first)
+    for m in run.messages:
+        if isinstance(m, UwbRanges) and between(m, 10, 15):
+            state, _ = estimator.step(state, m)
+    e = estimator.estimate(state, 15 * S)
+    assert e.health == "initialising" and e.reason == "no heading from the autopilot"
 
 
 def test_duplicates_and_the_very_late_are_counted_and_change_nothing(run, estimator) -> None:

@@ -241,6 +241,14 @@ def test_speed_is_known_when_it_was_right_before_a_position_too(running, estimat
     assert not is_settled(before, after, estimator.tuning), "no position came"
 
 
+def test_positions_that_come_back_before_speed_was_known_do_not_make_it_known(run, estimator) -> None:
+    """The time that it may take to settle runs out while there are none."""
+    away = without(run, lambda m: isinstance(m, UwbRanges) and between(m, 2.5, 24))
+    healthy = [e for e in estimate(away, estimator).estimates if e.t_ns > 24 * S and e.health == "healthy"]
+    errors = [np.subtract((e.u_m_s, e.v_m_s), run.truth(e.t_ns / S)[SPEED]) for e in healthy]
+    assert len(healthy) > 50 and np.hypot(*np.transpose(errors)).max() < 0.2
+
+
 def test_without_imu_it_says_so_and_goes_on(run, estimator) -> None:
     score = estimate(without(run, lambda m: isinstance(m, ImuSample)), estimator)
     assert score.estimates[-1].health == "degraded"

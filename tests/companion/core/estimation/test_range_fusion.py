@@ -2,15 +2,22 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
+from companion.core.estimation.filter_state import B_RANGE
 from companion.core.estimation.gates import Gate, Rejection
 from companion.core.estimation.kalman import KalmanEquations
 from companion.core.estimation.ranging.ranges import RangeFusion, RangeLayout, RangeMeasurement, RangeModel
-from companion.core.estimation.tuning import RANGE_GATE
+from companion.core.estimation.ranging.uwb_fusion import UwbFusion
+from companion.core.estimation.tuning import RANGE_GATE, EstimatorTuning
+from companion.core.geometry.frames import rotate
+from companion.core.messages import AnchorRange, UwbPosition, UwbRanges
+from tests.companion.core.estimation.changed_runs import S, between, changed
+from tests.companion.core.estimation.estimator_world import basin, estimate
+from tests.support.vessel_fixtures import boat
 
-S = 1_000_000_000
 NOW = 100 * S
 ANCHORS = np.array([(0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0)])
 LAYOUT = RangeLayout(position=(0, 1), velocity=(2, 3), bias=4)
@@ -54,3 +61,36 @@ def test_two_anchors_that_agreed_and_would_have_noticed_keep_the_position(others
     position, bias = reopened(others, agreed_s)
     assert math.dist(position, PLACE if moves else START[:2]) < 0.2
     assert (abs(bias) > 0.8) is not moves
+
+
+def test_tag_positions_of_another_place_are_followed_and_said(run, estimator) -> None:
+    """8 m away from 12 s on, as if somebody had carried the boat; the gate re-opens before positions are missed."""
+
+    def moved(m):
+        if not isinstance(m, UwbRanges):
+            return m
+        eta = run.truth(m.t_rx_ns / S - 0.08)
+        north, east = eta[:2] + rotate(eta[2], -0.2, 0.0) - [8.0 if between(m, 12, 99) else 0.0, 0.0]
+        return UwbPosition(t_ns=m.t_ns, t_rx_ns=m.t_rx_ns, tag="t", x_m=east, y_m=north, z_m=0.4)
+
+    said = [e for e in estimate(changed(run, moved), estimator).estimates if 16 * S < e.t_ns < 20 * S]
+    assert all(e.health == "degraded" and "taken anew" in e.reason for e in said)
+    assert abs(said[-1].north_m - run.truth(said[-1].t_ns / S)[0] + 8.0) < 0.5
+
+
+@pytest.mark.parametrize(("away_m", "said"), [(8.0, True), (3.0, False)])
+def test_a_lost_place_that_is_found_farther_away_than_it_may_be_is_said(running, estimator, away_m, said) -> None:
+    """Of a boat that has been without ranges for long: 1 m of sigma."""
+    fusion = UwbFusion(basin(), boat("aritra").sensors.uwb, EstimatorTuning(), KalmanEquations(B_RANGE + 4))
+    now = estimator.belief(running, 3_300_000_000)
+    P = now.P.copy()
+    P[:2, :], P[:, :2] = 0.0, 0.0
+    P[0, 0] = P[1, 1] = 1.0
+    dx, dy = rotate(now.x[2], *fusion.arm(now)[:2])
+    tag = (now.x[0] + dx - away_m, now.x[1] + dy, fusion.arm(now)[2])
+    z = np.linalg.norm(tag - fusion.anchors_m, axis=1) + now.x[B_RANGE:]
+    ranges = tuple(AnchorRange(anchor=a.id, range_m=float(d)) for a, d in zip(basin().anchors, z, strict=True))
+    lost = msgspec.structs.replace(now, P=P)
+    found, _ = fusion.fuse_ranges(lost, UwbRanges(t_ns=0, t_rx_ns=0, tag="test", ranges=ranges))
+    assert found.x[0] == pytest.approx(now.x[0] - away_m, abs=0.3)
+    assert (found.displaced_ns == now.t_ns) is said

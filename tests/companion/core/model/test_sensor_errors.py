@@ -59,6 +59,7 @@ def test_place_corrected_undoes_applied(uwb, north, east):
 def test_stamp_corrected_undoes_applied(uwb, since, zero):
     late = cal.arrival_time_ns(uwb, zero + since, zero)
     assert late >= zero + since
+    assert cal.measurement_time_ns(uwb, late, zero) <= late
     if uwb.latency_s + uwb.clock_drift_s_s * since * 1e-9 > 0:  # nothing arrives before it was measured
         assert cal.measurement_time_ns(uwb, late, zero) == pytest.approx(zero + since, abs=200)
 

@@ -60,7 +60,7 @@ class DvlCodec:
         for line in self._splitter.push(data):
             try:
                 report = msgspec.json.decode(line or b"", type=DvlReport)
-            except (msgspec.DecodeError, RecursionError):
+            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
                 self.counters["garbage"] += 1
                 continue
             self.counters[report.type if report.type == "velocity" else "ignored"] += 1

@@ -170,7 +170,7 @@ class App:
             if self.state.open_tick == index:
                 now = self._clock.now_ns()
                 self._step([PlanDeadline(t_ns=now, index=index)], now)
-            due_ns = max(self._timing.next_due_ns(due_ns), self._clock.now_ns())
+            due_ns = self._timing.next_due_ns(due_ns, self._clock.now_ns())
             await self._clock.sleep_until(due_ns - round(REHEARSAL_S * 1e9))
             self._solver.rehearse()
 
@@ -252,7 +252,7 @@ class App:
                 self._autopilot.send(frame)
             for alert in partner.take_alerts():
                 self._note(alert)
-        for message in self._guard.take_inputs(t_ns) if self._guard else ():
+        for message in self._guard.take_inputs(t_ns, self.state.helm.taken) if self._guard else ():
             self._step([message], t_ns)
 
     async def _housekeeping(self) -> None:

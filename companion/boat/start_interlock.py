@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from companion.boat.load_run import RunSetup
 from companion.core.messages import Alert, Heartbeat, InterlockTrip, Message, OperatorCommand
 from companion.core.pilot.autopilot_state import is_alive
+from companion.core.pilot.modes import Taken
 from companion.core.preflight.autopilot import further_parameter_names, parameter_names, parameter_rows
 from companion.core.preflight.rows import ParameterSet, Row
 from companion.core.preflight.wiring import Companion
@@ -108,10 +109,16 @@ class StartInterlock:
         """Whether nothing may start, and nothing has been started in this run."""
         return self.refusal is not None and not self._begun
 
-    def take_inputs(self, t_ns: int) -> list[Message]:
-        """What the pilot has to hear at `t_ns` [ns]: trips, and the command that waited, once it may go."""
+    def take_inputs(self, t_ns: int, taken: Taken | None) -> list[Message]:
+        """What the pilot has to hear at `t_ns` [ns]: trips, and the command that waited, once it may go.
+
+        One after which the thrusters were taken away (`taken`) is dropped.
+        """
         inputs: list[Message] = [*self._trips]
         self._trips = []
+        if self._held and taken and taken.t_ns >= self._held.t_ns:
+            self._say(t_ns, "warning", f"{self._held.command} dropped, for {taken.why} after it; give it again")
+            self._held = None
         if self._held and self.clear:
             held = replace(self._held, t_ns=t_ns)
             inputs += [held] if self.passes(held) else []

@@ -14,7 +14,7 @@ class TickTiming:
     """One loop of `period_ns` [ns]."""
 
     def __init__(self, period_ns: int) -> None:
-        self._period_ns = period_ns
+        self._period_ns, self._late_ns = period_ns, 0
         self._tick = Tick(t_ns=0, index=-1)
         self._imu_rx_ns: int | None = None
         self._tick_imu_ns: int | None = None
@@ -27,15 +27,22 @@ class TickTiming:
 
     def begin(self, index: int, due_ns: int, now_ns: int) -> Tick:
         """The tick that was due at `due_ns` and begins now."""
-        self._tick, self._tick_imu_ns = Tick(t_ns=now_ns, index=index, lateness_ns=now_ns - due_ns), self._imu_rx_ns
+        lateness_ns, self._tick_imu_ns = now_ns - due_ns + self._late_ns, self._imu_rx_ns
+        self._tick = Tick(t_ns=now_ns, index=index, lateness_ns=lateness_ns)
         return self._tick
 
-    def next_due_ns(self, due_ns: int) -> int:
-        """When the tick after the one due at `due_ns` is due, so that it plans from a fresh IMU sample."""
-        if self._tick_imu_ns is None:
-            return due_ns + self._period_ns
-        off_ns = IMU_AGE_NS - (self._tick.t_ns - self._tick_imu_ns)
-        return due_ns + self._period_ns + max(-NUDGE_NS, min(NUDGE_NS, off_ns))
+    def next_due_ns(self, due_ns: int, now_ns: int) -> int:
+        """When the tick after the one due at `due_ns` is due, so that it plans from a fresh IMU sample.
+
+        At once where this one took too long; what that made it miss counts as lateness of the next.
+        """
+        nudge_ns = 0
+        if self._tick_imu_ns is not None:
+            off_ns = IMU_AGE_NS - (self._tick.t_ns - self._tick_imu_ns)
+            nudge_ns = max(-NUDGE_NS, min(NUDGE_NS, off_ns))
+        wanted_ns = due_ns + self._period_ns + nudge_ns
+        self._late_ns = max(0, now_ns - wanted_ns)
+        return wanted_ns + self._late_ns
 
     def of_lease(self, lease: OverrideLease, now_ns: int, *, sent: bool) -> LoopTiming:
         """Lateness of the tick, and age of its IMU sample as the lease leaves."""

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from typing import Annotated
 
 import msgspec
 
@@ -26,14 +27,18 @@ from drivers.uwb.lines import Garbage, Ignored, LineCodec, unique
 
 SLOTS = 8
 _AT = re.compile(
-    r"AT\+RANGE=tid:(\d{1,3}), ?mask:([0-9A-Fa-f]{1,2}), ?seq:(\d{1,3}), ?range:\((-?\d+(?:,-?\d+){0,7})\)"
-    r"(?:, ?rssi:\((-?\d+\.\d+(?:,-?\d+\.\d+){0,7})\))?(?:, ?ancid:\((-?\d+(?:,-?\d+){0,7})\))?"
+    r"AT\+RANGE=tid:(\d{1,3}), ?mask:([0-9A-Fa-f]{1,2}), ?seq:(\d{1,3}), ?range:\((-?\d{1,6}(?:,-?\d{1,6}){0,7})\)"
+    r"(?:, ?rssi:\((-?\d+\.\d+(?:,-?\d+\.\d+){0,7})\))?(?:, ?ancid:\((-?\d{1,6}(?:,-?\d{1,6}){0,7})\))?"
 )
+
+
+Centimetres = Annotated[int, msgspec.Meta(gt=-1_000_000, lt=1_000_000)]
+"""At most six digits, as in `_AT`."""
 
 
 class _Demo(msgspec.Struct, forbid_unknown_fields=True):
     id: int
-    range: list[int]
+    range: list[Centimetres]
 
 
 _DECODER = msgspec.json.Decoder(_Demo)

@@ -50,6 +50,14 @@ def test_a_speed_that_is_no_number_is_a_lost_bottom_and_no_garbage(value):
     assert (m.x_m_s, m.valid, m.altitude_m, m.fom_m_s, m.t_ns) == (-0.37, True, None, None, T)
 
 
+def test_no_wrong_bit_raises_or_spoils_more_than_one_report():
+    """msgspec has an error of its own for a text that is none."""
+    for bit in range(8 * len(LINE.rstrip())):
+        wrong = bytearray(LINE)
+        wrong[bit // 8] ^= 1 << bit % 8
+        assert one(LINE) in DvlCodec().feed(bytes(wrong) + LINE, T)
+
+
 @given(st.floats(-10, 10), st.floats(-10, 10), st.booleans(), st.integers(0, 10**6))
 def test_what_is_encoded_comes_back(x, y, valid, age_us):
     sent = DvlVelocity(t_ns=T - 1000 * age_us, t_rx_ns=T, x_m_s=x, y_m_s=y, valid=valid, altitude_m=2.0, fom_m_s=0.01)

@@ -127,6 +127,8 @@ with an empty battery and without an estimate."""
 
 WANTED: dict[Event, Wanted] = {"start": "auto", "hold": "hold", "excite": "excitation"}
 _OPERATOR = _events("stop", "start", "hold", "excite", "manual")
+_TAKES_AWAY = _events("outputs_cut", "rc_takeover", "disarmed", "outputs_still", "interlock_trip")
+"""Somebody, or the autopilot, takes the thrusters away: an order of before counts no more (`ModeState.taken`)."""
 _CALM = _OPERATOR | _events("ready", "finished", *OVER.values())
 _ALERTED_AT_REST = _events(
     "fence_breached", "battery_low", "battery_critical", "override_ignored", "outputs_cut", "fence_clear", "battery_ok",
@@ -144,6 +146,13 @@ _HINTS: dict[Event, str] = {
     "loop_lag": "this computer is too busy: end other programs; `aritra log plot` draws the lateness",
     "rc_takeover": "the pilot on the sticks has it",
 }
+
+
+class Taken(NamedTuple):
+    """The thrusters were taken away: when [ns], and why."""
+
+    t_ns: int
+    why: str
 
 
 class ModeOutcome(NamedTuple):
@@ -195,13 +204,14 @@ def sentence(mode: Mode, event: Event, after: Mode, why: str) -> str:
 @dataclass(frozen=True)
 class ModeState:
     """The mode. `wanted`: the mode after `starting`; `why`: the last change, or what is waited for, as text;
-    `lasting`: conditions that held at the last tick.
+    `lasting`: conditions that held at the last tick; `taken`: the last time that somebody took the thrusters away.
     """
 
     mode: Mode = "idle"
     wanted: Wanted = "auto"
     why: str = "waiting for the operator's start"
     lasting: frozenset[Event] = frozenset()
+    taken: Taken | None = None
 
     @property
     def driving(self) -> bool:
@@ -228,6 +238,7 @@ def apply_event(helm: ModeState, event: Event, why: str, t_ns: int) -> tuple[Mod
     after: Mode = helm.wanted if entry == "wanted" else entry
     text = sentence(helm.mode, event, after, why)
     wanted = WANTED.get(event, helm.wanted) if after == "starting" else helm.wanted
+    helm = replace(helm, taken=Taken(t_ns, why)) if event in _TAKES_AWAY else helm
     alerts: list[Alert] = []
     changed = after != helm.mode
     worth = helm.driving and event not in _ALERTED_ELSEWHERE

@@ -248,8 +248,9 @@ class ThrustCommander:
             open_tick=None,
             lease_end_ns=t_ns + round(lease.valid_for_s * 1e9),
         )
-        state, alerts = self._monitors.hear(state, lease, t_ns)
-        return state, [lease, *alerts]
+        state, alerts, _ = self._monitors.screen(state, lease, t_ns)
+        state, more = self._monitors.hear(state, lease, t_ns)
+        return state, [lease, *alerts, *more]
 
 
 def _pose(estimate: StateEstimate) -> tuple[float, float, float]:

@@ -36,6 +36,8 @@ CASES = [
     ("mauwb", '{"id":1,"range":[0,9,10]}', {"2": 0.1}, {"range_limit": 1}),
     ("mauwb", '{"id":1,"range":[0,53.5]}', {}, {"json": 1}),
     ("mauwb", '{"id":1,"range":[1,2,3,4,5,6,7,8,9]}', {}, {"list_length": 1}),
+    ("mauwb", AT.format("01", "9" * 400, ""), {}, {"malformed": 1}),
+    ("mauwb", '{"id":1,"range":[' + "9" * 400 + "]}", {}, {"json": 1}),
     ("mauwb", "AT+SETCFG OK", {}, {"text": 1}),
     # DWM1001: index is not identity, duplicates, count, no fix, noise of the shell
     ("dwm1001-lec", "DIST,1,AN2,11AF,0.00,0.00,0.00,1.50", {"11AF": 1.5}, {}),

@@ -31,6 +31,6 @@ class FenceMonitor(Monitor[FenceState]):
         distance = ""
         if view.estimate.health in ("healthy", "degraded"):
             clearance_m = self._fence.clearance(view.estimate.north_m, view.estimate.east_m)
-            state = FenceState(outside=clearance_m < (BACK_M if state.outside else 0.0))
+            state = FenceState(outside=not clearance_m >= (BACK_M if state.outside else 0.0))
             distance = f" by {max(-clearance_m, 0.0):.1f} m"
         return state, MonitorReport({"fence_breached": f"outside the fence{distance}"}) if state.outside else NOTHING

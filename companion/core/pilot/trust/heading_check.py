@@ -126,7 +126,9 @@ class HeadingMonitor(Monitor[HeadingState]):
         before, alerts = state.now, ()
         in_site = struct_replace(message, psi_rad=ssa(message.psi_rad - self._rotation_rad))
         sensed = self._sensor.correct(in_site)  # what the file knows of the sensors contradicts nothing
-        if before is None or sensed.t_ns - before.t_ns > GAP_NS or sensed.t_ns <= before.t_ns:
+        if before is not None and before.t_ns - GAP_NS <= sensed.t_ns <= before.t_ns:  # out of order
+            return state, MonitorReport(instead=struct_replace(message, psi_rad=math.nan) if state.jumped else None)
+        if before is None or abs(sensed.t_ns - before.t_ns) > GAP_NS:
             return replace(state, now=Turn(sensed.t_ns, sensed.psi_rad, 0.0, 0.0), past=(), contradicted=0), NOTHING
         dt_s = (sensed.t_ns - before.t_ns) * 1e-9
         tilt = Tilt(sensed.phi_rad, sensed.theta_rad)
@@ -148,7 +150,8 @@ class HeadingMonitor(Monitor[HeadingState]):
         model = state.now.model_rad + view.period_s * view.model_nu[2]
         thrust_n = view.belief.f_n[: len(self._most_n)]
         now = replace(state.now, model_rad=model, share=float(np.mean(np.abs(thrust_n) / self._most_n)))
-        past = (*state.past[_first(state.past, now.t_ns - round(LATELY_S * 1e9)) :], now)
+        first, last = _first(state.past, now.t_ns - round(LATELY_S * 1e9)), _first(state.past, now.t_ns)
+        past = (*state.past[first:last], now)
         state = replace(state, now=now, past=past)
         if state.jumped or state.findings:
             return state, self._report(state)

@@ -169,7 +169,8 @@ class PathMonitor(Monitor[PathState]):
         """With the tick's motion, and the ranges that came before it."""
         if not state.forces:
             is_gap = not state.path or view.t_ns * 1e-9 - state.path[-1].t_s > GAP_S
-            return replace(self.initial, cycles=state.cycles) if is_gap else state
+            waiting = tuple(m for m in state.cycles if view.t_ns * 1e-9 - m.t_ns * 1e-9 <= WINDOW_S)
+            return replace(self.initial, cycles=waiting) if is_gap else state
         level = [to_level(*belief.tilt, m.ax_m_s2, m.ay_m_s2, m.az_m_s2) for m in state.forces]
         t_s, heading, (u, v, _) = view.t_ns * 1e-9, cmath.rect(1.0, float(belief.x[2])), view.model_nu
         force = complex(fmean(a[0] for a in level), fmean(a[1] for a in level))

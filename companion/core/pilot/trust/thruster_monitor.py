@@ -125,11 +125,11 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         after = replace(state, force=(0.0, 0.0, 0.0), count=0, rate_before=state.rate, before=now, pending=None)
         report = _report(state)
         if self._steered or not view.driving or view.learning or view.t_ns < state.quiet_until_ns:
-            return replace(after, bank=self._bank.initial()), report
+            return replace(after, bank=self._bank.initial(), probing=False), report
         if before is None or now is None or view.t_ns - now.since_ns < SETTLES_NS or state.accel_off or not state.count:
             return after, report
         if now.t_ns - now.position_ns > self._unseen_ns:
-            return after, report
+            return replace(after, probing=False), report
         if state.rate is None or state.rate_before is None or state.rate[0] <= state.rate_before[0]:
             return after, report
         r_dot = (state.rate[1] - state.rate_before[1]) / ((state.rate[0] - state.rate_before[0]) * 1e-9)

@@ -30,6 +30,15 @@ def test_numbers_that_are_not_finite_start_the_filter_afresh(run, estimator) -> 
     assert "no longer finite" in e.reason
 
 
+def test_a_prediction_that_is_no_number_is_lost(running, estimator) -> None:
+    """A finite state may overflow on the way to the tick."""
+    entry = running.history[-1]
+    wild = msgspec.structs.replace(entry.belief, x=np.where(np.arange(len(entry.belief.x)) == 3, 1e80, entry.belief.x))
+    state = msgspec.structs.replace(running, history=(*running.history[:-1], entry._replace(belief=wild)))
+    e = estimator.estimate(state, entry.t_ns + S // 10)
+    assert e.health == "lost" and "not finite" in e.reason
+
+
 def test_a_heading_that_is_left_out_starts_nothing(run, estimator) -> None:
     """It waits for the next one, and does not begin without one time and again."""
     state, cut = estimator.initial(), 800

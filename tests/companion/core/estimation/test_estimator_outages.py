@@ -256,6 +256,14 @@ def test_without_imu_it_says_so_and_goes_on(run, estimator) -> None:
     assert score.rms()["position_m"] < 0.3
 
 
+def test_without_imu_and_heading_it_is_lost_before_it_has_turned_far(run, estimator) -> None:
+    silent = without(run, lambda m: not isinstance(m, UwbRanges) and between(m, 20, 40))
+    estimates = [e for e in estimate(silent, estimator).estimates if e.t_ns > 20 * S]
+    lost = next(e for e in estimates if e.health == "lost")
+    assert 21 * S < lost.t_ns < 24 * S and "heading sigma" in lost.reason
+    assert abs(ssa(lost.psi_rad - run.truth(lost.t_ns / S)[2])) < 0.5
+
+
 def test_silence_of_everything_is_lost_and_then_a_fresh_start(run, estimator) -> None:
     state = estimator.initial()
     for m in (m for m in run.messages if between(m, 0, 10)):

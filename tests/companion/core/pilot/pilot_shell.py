@@ -22,6 +22,12 @@ def heartbeat(t_ns, armed=True, mode=0):
                        system_status=4, armed=armed)  # fmt: skip
 
 
+def attitude(t_ns, psi_rad):
+    """Of a boat that neither turns nor leans."""
+    return m.Attitude(t_ns=t_ns, t_rx_ns=t_ns, phi_rad=0.0, theta_rad=0.0, psi_rad=psi_rad, p_rad_s=0.0, q_rad_s=0.0,
+                      r_rad_s=0.0)  # fmt: skip
+
+
 def plan(index, t_ns=0, status="ok", f_n=None):
     rows = tuple((float(k + 1),) * N for k in range(20)) if f_n is None else f_n
     return m.PlanResult(t_ns=t_ns, index=index, status=status, reason="because", solve_time_s=0.001, iterations=1,

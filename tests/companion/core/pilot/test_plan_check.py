@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from companion.core import messages as m
 from companion.core.pilot.plan_check import NO_PROPOSALS, PlanCheck
-from tests.companion.core.pilot.pilot_shell import VESSEL, N, heartbeat, on_the_leg, plan
+from tests.companion.core.pilot.pilot_shell import VESSEL, N, attitude, heartbeat, on_the_leg, plan
 
 RATE_N = 12.0
 """120 N/s of the vessel file in a tick."""
@@ -17,7 +17,7 @@ MOST_N, LEAST_N = 38.0, -30.0
 
 def proposed(shell, f_n):
     """One tick with this plan; its lease."""
-    shell.feed(heartbeat(shell.t_ns))
+    shell.feed(heartbeat(shell.t_ns), attitude(shell.t_ns, shell.state.estimate.psi_rad + 1e-4 * (shell.index % 10)))
     shell.tick()
     shell.wait(10)
     shell.feed(plan(shell.index, f_n=f_n))

@@ -1,5 +1,6 @@
 """Conditions as they come and go: battery, fence, loop, solver, estimate; each with its limit from both sides."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -126,6 +127,12 @@ def test_without_an_estimate_the_boat_is_where_it_was():
     after, found = at(FenceState(outside=True), estimate=lost)
     assert after[FenceState].outside and found["fence_breached"] == "outside the fence"
     assert found["unfit"] == found["degraded"] == "state estimate lost: why"
+
+
+@pytest.mark.parametrize("outside", [False, True])
+def test_a_place_that_is_no_number_is_not_inside(outside):
+    nowhere = with_(ESTIMATE, north_m=math.nan, east_m=math.nan)
+    assert at(FenceState(outside=outside), estimate=nowhere)[0][FenceState].outside
 
 
 def test_degraded_is_no_obstacle_until_it_has_lasted():

@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from companion.core.messages import Attitude, ImuSample, OverrideLease, StateEstimate
+from companion.core.messages import Alert, Attitude, ImuSample, OverrideLease, StateEstimate
 from companion.core.messages.sensors import GnssFix
 from companion.core.pilot import annunciator
 from companion.core.pilot.monitors.stuck_sensor import LEAST, STUCK_NS, SensorRepeats, StuckSensorMonitor
+from tests.companion.core.pilot.pilot_shell import N, on_the_leg, plan
 
 MS = 1_000_000
 IMU = ImuSample(
@@ -40,6 +41,19 @@ def test_the_same_reading_for_a_second_is_a_stuck_sensor_whatever_its_stamps(per
     begun = stuck.index(True)
     assert all(stuck[begun:]) and told == ["error"], "told once"
     assert begun == max(math.ceil(STUCK_NS / (period_ms * MS)), LEAST - 1), "not one reading earlier or later"
+
+
+def test_pulses_tell_that_an_autopilot_is_frozen_whose_sensors_agree():
+    """IMU and attitude stand still together, stamps go on: only the leases know better."""
+    shell = on_the_leg()
+    shell.state = shell.state.with_monitors(SensorRepeats())
+    for k in range(15):
+        for at_ns in range(shell.t_ns, shell.t_ns + 100 * MS, 20 * MS):
+            shell.feed(*(replace(m, t_ns=at_ns, t_rx_ns=at_ns) for m in (IMU, ATTITUDE)))
+        shell.tick()
+        shell.feed(plan(shell.index, f_n=((20.0 if k % 4 < 2 else -20.0,) * N,) * 20))
+    told = [o.text for o in shell.outputs if isinstance(o, Alert) and "frozen" in o.text]
+    assert [text.split(":")[0] for text in told] == ["IMU (RAW_IMU)", "attitude"]
 
 
 def test_one_digit_is_life_and_ends_it():

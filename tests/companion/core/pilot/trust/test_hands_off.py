@@ -28,6 +28,15 @@ def test_sticks_at_rest_are_neutral_whatever_the_boat_would_like_to_know(trouble
     assert driven(0.0, **trouble) == NEUTRAL
 
 
+@pytest.mark.parametrize(("mode", "pushes"), [("manual", True), ("excitation", False), ("idle", False)])
+def test_nobody_probes_where_thrusters_are_not_judged(mode, pushes):
+    """It went through a whole excitation, and spoilt what was to be identified."""
+    boat = Boat(mode)
+    boat.state = boat.state.with_monitors(replace(boat.state.monitor(ThrusterState), probing=True))
+    boat.tick()
+    assert boat.state.monitor(ThrusterState).probing is pushes
+
+
 def test_sticks_that_are_held_are_obeyed_and_may_be_probed():
     plain, probed = driven(0.5), driven(0.5, probing=True)
     assert min(plain[:4]) > 1600

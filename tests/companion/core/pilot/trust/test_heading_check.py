@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -23,9 +24,9 @@ def course(t_s):
     return TURN_RAD_S * 2.0 * math.sin(t_s / 2.0), TURN_RAD_S * math.cos(t_s / 2.0)
 
 
-def watched(spoil, seed=1, end_s=END_S, share=lambda t_s: 0.1, runs_s=0.0):
+def watched(spoil, seed=1, end_s=END_S, share=lambda t_s: 0.1, runs_s=0.0, again=lambda message: ()):
     """The monitor's state after 12 s at 50 Hz; `spoil`: what psi and r become from `FAULT_S` on; `share`: of thrust;
-    `runs_s`: since when the filter runs.
+    `runs_s`: since when the filter runs; `again`: what comes after each attitude.
     """
     vessel = boat("aritra")
     monitor, rng = HeadingMonitor(vessel, 0.0), np.random.default_rng(seed)
@@ -38,7 +39,9 @@ def watched(spoil, seed=1, end_s=END_S, share=lambda t_s: 0.1, runs_s=0.0):
         message = Attitude(
             t_ns=t_ns, t_rx_ns=t_ns, phi_rad=0.0, theta_rad=0.0, psi_rad=psi, p_rad_s=0.0, q_rad_s=0.0, r_rad_s=r
         )
-        state, _ = monitor.on_message(state, message, t_ns)
+        for one in (message, *again(message)):
+            state, report = monitor.on_message(state, one, t_ns)
+            assert not state.jumped or math.isnan(report.instead.psi_rad), "it stays left out"
         if k % 5 == 0:
             f_n = np.array([share(k / 50) * t.force_max_N for t in vessel.thrusters])
             belief = SimpleNamespace(f_n=f_n) if k / 50 >= runs_s else None
@@ -80,6 +83,29 @@ def test_a_compass_that_drifts_is_found_though_slowly():
     drift = iter(np.arange(0.0, 10.0, math.radians(1.0) / 50))
     (finding,) = watched(lambda psi, r, rng: (psi + next(drift), r), end_s=30.0).findings
     assert finding.t_ns <= (FAULT_S + 14.0) * S
+
+
+@pytest.mark.parametrize("late_ns", [0, 20_000_000])
+def test_attitudes_out_of_order_or_of_the_same_instant_hide_nothing(late_ns):
+    """Two in one packet of a link without a clock, or two packets that changed places, one in ten."""
+
+    def again(message):
+        return (msgspec.structs.replace(message, t_ns=message.t_ns - late_ns),) if message.t_ns % (S // 5) == 0 else ()
+
+    drift = iter(np.arange(0.0, 10.0, math.radians(6.0) / 50))
+    (finding,) = watched(lambda psi, r, rng: (psi + next(drift), r), again=again).findings
+    assert finding.what == "heading" and finding.t_ns <= (FAULT_S + 2.0) * S
+    assert watched(lambda psi, r, rng: (psi + 0.4, r), again=again).jumped
+
+
+def test_without_attitudes_no_memory_grows():
+    monitor, seen = HeadingMonitor(boat("aritra"), 0.0), replace(view(0), belief=SimpleNamespace(f_n=np.zeros(4)))
+    seen = replace(seen, model_nu=(0.0, 0.0, 0.0))
+    state = watched(lambda psi, r, rng: (psi, r))
+    kept = len(state.past)
+    for _ in range(100):
+        state, _ = monitor.on_tick(state, seen)
+    assert len(state.past) <= kept + 1
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.9, 0), (0.1, 1)])

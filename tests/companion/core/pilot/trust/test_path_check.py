@@ -127,6 +127,17 @@ def test_a_new_start_forgets_it_and_a_stop_does_not():
         assert bool(after.findings) == kept
 
 
+def test_ranges_that_wait_for_an_imu_wait_for_as_long_as_they_tell_something():
+    """A night with the autopilot off and the tag on."""
+    monitor, state = PathMonitor(boat("aritra").sensors, setup(None).pilot.site), PathState()
+    seen = replace(view(0), belief=SimpleNamespace(), driving=False)
+    for k in range(100):
+        m = UwbRanges(t_ns=k * S, t_rx_ns=k * S, tag="t", ranges=(AnchorRange(anchor="a0", range_m=5.0),))
+        state, _ = monitor.on_message(state, m, k * S)
+        state, _ = monitor.on_tick(state, replace(seen, t_ns=k * S))
+    assert 10 < len(state.cycles) < 15
+
+
 def test_numbers_that_are_none_are_not_kept():
     monitor, state = PathMonitor(boat("aritra").sensors, setup(None).pilot.site), PathState()
     rates = {"p_rad_s": 0.0, "q_rad_s": 0.0, "r_rad_s": 0.0, "source": "RAW_IMU"}

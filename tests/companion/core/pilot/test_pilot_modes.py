@@ -22,7 +22,7 @@ from companion.core.pilot.monitors.loop_lag import LATE_TICKS, LoopLag
 from companion.core.pilot.monitors.override_monitor import OverrideState
 from companion.core.pilot.monitors.plan_gap import ControllerTime
 from companion.core.pilot.pilot import Pilot
-from tests.companion.core.pilot.pilot_shell import Shell, attitude, heartbeat, operator, plan, stick
+from tests.companion.core.pilot.pilot_shell import Shell, heartbeat, operator, plan, sensors, stick
 from tests.companion.core.pilot.trust_fixture import in_trouble
 from tests.support.drive_fixture import setup, under_way
 from tests.support.excitation_fixture import of
@@ -98,18 +98,6 @@ def monitors(boat, *states):
 
 def lasting(boat, condition):
     change(boat, helm=replace(boat.state.helm, lasting=boat.state.helm.lasting | {condition}))
-
-
-def sensors(boat, ms):
-    """IMU and attitude of a boat that goes straight on, for the filter to follow without UWB."""
-    for k in range(0, ms, 20):
-        t_ns = boat.t_ns + k * MS
-        boat.feed(
-            m.ImuSample(t_ns=t_ns, t_rx_ns=t_ns, ax_m_s2=0.0, ay_m_s2=0.0, az_m_s2=-9.8, p_rad_s=0.0, q_rad_s=0.0,
-                        r_rad_s=0.0, source="RAW_IMU"),
-            attitude(t_ns, boat.state.estimate.psi_rad + 1e-4 * (k % 100)),
-        )  # fmt: skip
-    boat.t_ns += ms * MS
 
 
 def cause(boat, event):  # noqa: PLR0912, PLR0915

@@ -3,6 +3,7 @@
 Every test finds the same surroundings (`support/surroundings.py`), whatever terminal, language or home the person has.
 """
 
+import os
 import tempfile
 import time
 from contextlib import ExitStack
@@ -17,6 +18,8 @@ from tests.support.surroundings import settle
 
 ROOT = Path(__file__).resolve().parents[1]
 TRIES_MORE = 2
+UNTIL_S = float(os.environ.get("ARITRA_TEST_UNTIL", "inf"))
+"""Since the epoch: no test begins later. For machines whose time is limited (`.ci/run`)."""
 settings.register_profile("shared machine", deadline=None)
 settings.load_profile("shared machine")
 
@@ -44,6 +47,12 @@ class OnlyAStall:
     def pytest_terminal_summary(self, terminalreporter):
         for line in self._told:
             terminalreporter.write_line(line)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    if time.time() > UNTIL_S:
+        pytest.skip("no time left on this machine, whose runs are limited (ARITRA_TEST_UNTIL)")
 
 
 def pytest_configure(config):

@@ -1,4 +1,4 @@
-"""A test in real time that fails has another try where the machine stood still, and nowhere else."""
+"""A test in real time that fails has another try where the machine stood still, and nowhere else; limited time."""
 
 import itertools
 import shutil
@@ -43,6 +43,19 @@ def test_once():
     ],
 )
 def test_another_try(tmp_path, stall, failures, told):
+    said = played(tmp_path, stall, failures)
+    assert told in said, said
+    assert ("stood still for 0.00 s" in said) == (stall == "pass" and failures > 0)
+    assert said.count("stood still") == min(failures, 3 if stall != "pass" else 1)
+
+
+def test_after_the_hour_no_test_begins(tmp_path, monkeypatch):
+    monkeypatch.setenv("ARITRA_TEST_UNTIL", "1e9")
+    assert "1 skipped" in (said := played(tmp_path, "pass", 9)) and "no time left" in said
+
+
+def played(tmp_path, stall, failures):
+    """What pytest says of the story, under our conftest."""
     support = tmp_path / "tests" / "support"
     support.mkdir(parents=True)
     (tmp_path / "tests" / "__init__.py").touch()
@@ -57,12 +70,10 @@ def test_another_try(tmp_path, stall, failures, told):
     )
     (tmp_path / "tests" / "test_it.py").write_text(STORY.replace("STALL", stall).replace("FAILURES", str(failures)))
     done = subprocess.run(
-        python("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_it.py"),
+        python("-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", "tests/test_it.py"),
         cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
-    assert told in done.stdout, done.stdout + done.stderr
-    assert ("stood still for 0.00 s" in done.stdout) == (stall == "pass" and failures > 0)
-    assert done.stdout.count("stood still") == min(failures, 3 if stall != "pass" else 1)
+    return done.stdout + done.stderr
 
 
 def test_naps_that_take_longer():

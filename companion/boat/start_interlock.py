@@ -117,7 +117,7 @@ class StartInterlock:
         inputs: list[Message] = [*self._trips]
         self._trips = []
         if self._held and taken and taken.t_ns >= self._held.t_ns:
-            self._say(t_ns, "warning", f"{self._held.command} dropped, for {taken.why} after it; give it again")
+            self._say(t_ns, "warning", f"{self._held.command} dropped: meanwhile {taken.why}; give it again")
             self._held = None
         if self._held and self.clear:
             held = replace(self._held, t_ns=t_ns)

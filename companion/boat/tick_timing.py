@@ -34,15 +34,14 @@ class TickTiming:
     def next_due_ns(self, due_ns: int, now_ns: int) -> int:
         """When the tick after the one due at `due_ns` is due, so that it plans from a fresh IMU sample.
 
-        At once where this one took too long; what that made it miss counts as lateness of the next.
+        At once where this one took longer than a period; by how much counts as lateness of the next.
         """
         nudge_ns = 0
         if self._tick_imu_ns is not None:
             off_ns = IMU_AGE_NS - (self._tick.t_ns - self._tick_imu_ns)
             nudge_ns = max(-NUDGE_NS, min(NUDGE_NS, off_ns))
-        wanted_ns = due_ns + self._period_ns + nudge_ns
-        self._late_ns = max(0, now_ns - wanted_ns)
-        return wanted_ns + self._late_ns
+        self._late_ns = max(0, now_ns - self._tick.t_ns - self._period_ns)
+        return max(due_ns + self._period_ns + nudge_ns, now_ns)
 
     def of_lease(self, lease: OverrideLease, now_ns: int, *, sent: bool) -> LoopTiming:
         """Lateness of the tick, and age of its IMU sample as the lease leaves."""

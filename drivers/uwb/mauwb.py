@@ -27,13 +27,13 @@ from drivers.uwb.lines import Garbage, Ignored, LineCodec, unique
 
 SLOTS = 8
 _AT = re.compile(
-    r"AT\+RANGE=tid:(\d{1,3}), ?mask:([0-9A-Fa-f]{1,2}), ?seq:(\d{1,3}), ?range:\((-?\d{1,6}(?:,-?\d{1,6}){0,7})\)"
+    r"AT\+RANGE=tid:(\d{1,3}), ?mask:([0-9A-Fa-f]{1,2}), ?seq:(\d{1,3}), ?range:\((-?\d{1,15}(?:,-?\d{1,15}){0,7})\)"
     r"(?:, ?rssi:\((-?\d+\.\d+(?:,-?\d+\.\d+){0,7})\))?(?:, ?ancid:\((-?\d{1,6}(?:,-?\d{1,6}){0,7})\))?"
 )
 
 
-Centimetres = Annotated[int, msgspec.Meta(gt=-1_000_000, lt=1_000_000)]
-"""At most six digits, as in `_AT`."""
+Centimetres = Annotated[int, msgspec.Meta(gt=-(10**15), lt=10**15)]
+"""At most 15 digits, as in `_AT`: what any slot of a line may say without taking the others with it."""
 
 
 class _Demo(msgspec.Struct, forbid_unknown_fields=True):

@@ -225,7 +225,7 @@ class Estimator:
         if not self._aids(m):
             return belief, innovations
         belief = update_confidence(belief, innovations, self.tuning)
-        belief = counted(before, belief, self._limits.timeout_s)
+        belief = counted(before, belief, self.tuning.settle_most_s / 2)
         return replace(belief, settled=is_settled(before, belief, self.tuning)), innovations
 
     def _young(self, history: tuple[BufferedMeasurement, ...]) -> tuple[BufferedMeasurement, ...]:

@@ -1,6 +1,6 @@
 """Health of the estimate, with the reason as text for the operator.
 
-lost       position sigma above the limit along its worst axis, or heading's
+lost       position sigma above the limit along its worst axis, or no attitude for too long
 degraded   no position, IMU or heading for too long (the filter dead-reckons), position sigma raised,
            positions moved the boat against its motion, or a start or a gap too short a time ago
 """
@@ -16,8 +16,8 @@ from companion.core.messages import Health
 from companion.core.sensors.sensor import PositionHealth
 
 SETTLES = "it settles: speed is not known well yet"
-LOST_HEADING_RAD = 0.2
-"""Sigma of heading, some 3 s after IMU and compass fell silent; thrust then pushes aside by a fifth. Assumed."""
+TURNS_UNSEEN_S = 3.0
+"""Without an attitude for longer nothing tells how the boat turns. Assumed: as long as without heartbeats."""
 DISPLACED_S = 10.0
 """A position taken anew is told for so long; assumed, and shorter than `control.blind_s`: nothing is missing."""
 
@@ -60,9 +60,9 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning, position: Po
         reasons.append(f"{position.label} was against the motion by more than its error: taken anew")
     if sigma_m > position.degraded_sigma_m and not settles:  # then it grows because speed is not known
         reasons.append(f"position sigma {sigma_m:.2f} m")
-    sigma_rad = math.sqrt(belief.P[2, 2])
-    if sigma_rad > LOST_HEADING_RAD:
-        reasons.append(f"heading sigma {math.degrees(sigma_rad):.0f} degrees")
-    if sigma_m > position.lost_sigma_m or sigma_rad > LOST_HEADING_RAD:
+    turns_s = (t_ns - belief.rates_ns) * 1e-9
+    if turns_s > TURNS_UNSEEN_S:
+        reasons.append(f"no attitude for {turns_s:.1f} s: nothing tells how the boat turns")
+    if sigma_m > position.lost_sigma_m or turns_s > TURNS_UNSEEN_S:
         return "lost", "; ".join(reasons)
     return ("degraded", "; ".join(reasons)) if reasons else ("healthy", "")

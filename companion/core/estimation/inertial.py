@@ -50,8 +50,8 @@ from companion.core.sensors.inertial import OfTheImu
 
 SHORTEST_S = 0.005
 """Two attitudes closer than that give no slope of the rates; assumed: a quarter of the period at 50 Hz."""
-MOST_SLOPE_RAD_S2 = 5.0
-"""Of roll and pitch rates, which no gate judges; more is a glitch. Assumed: a wave of 5 degrees and 2.5 s has 0.6."""
+MOST_SLOPE_RAD_S2 = 15.0
+"""Of roll and pitch rates, which no gate judges; more is a glitch. Assumed: a roll of 15 degrees and 1 s has 10."""
 NOISE_MEAN_S, THROUGH_FILTER = 2.0, 2.0
 """T, and the filter's factor, both above. Assumed; measured: 1.4 in sigma."""
 

@@ -134,7 +134,7 @@ class Starter:
     ) -> tuple[FilterStart, FilterState | None]:
         """The first belief at a place, if there is a heading; of a sensor of positions, if a fix before agrees."""
         heading = start.heading
-        if heading is None or abs(t_ns - heading.t_ns) > self._tuning.imu_timeout_s * 1e9:
+        if heading is None or t_ns - heading.t_ns > self._tuning.imu_timeout_s * 1e9:
             return replace(start, reason="no heading from the autopilot"), None
         turned = (t_ns - heading.t_ns) * 1e-9 * heading.r_rad_s
         heading = msgspec.structs.replace(heading, psi_rad=heading.psi_rad + turned)
@@ -189,14 +189,14 @@ def after_gap(belief: FilterState, tuning: EstimatorTuning) -> FilterState:
     return msgspec.structs.replace(belief, P=P, heading_gate=gate, since_ns=belief.t_ns, fixes=0, settled=False)
 
 
-def counted(before: FilterState, after: FilterState, timeout_s: float) -> FilterState:
+def counted(before: FilterState, after: FilterState, away_s: float) -> FilterState:
     """The filter state after a message that aids, its position counted if it was accepted.
 
-    The first one after `timeout_s` without begins the count and the time anew, unless speed was known before: time
-    alone tells nothing about it.
+    The first one after `away_s` without begins the count and the time anew, unless speed was known before: time alone
+    tells nothing about it.
     """
     if after.position_ns != after.t_ns:
         return after
-    if not before.settled and after.t_ns - before.position_ns > timeout_s * 1e9:
+    if not before.settled and after.t_ns - before.position_ns > away_s * 1e9:
         return msgspec.structs.replace(after, since_ns=after.t_ns, fixes=1)
     return msgspec.structs.replace(after, fixes=after.fixes + 1)

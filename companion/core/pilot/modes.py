@@ -127,8 +127,9 @@ with an empty battery and without an estimate."""
 
 WANTED: dict[Event, Wanted] = {"start": "auto", "hold": "hold", "excite": "excitation"}
 _OPERATOR = _events("stop", "start", "hold", "excite", "manual")
-_TAKES_AWAY = _events("outputs_cut", "rc_takeover", "disarmed", "outputs_still", "interlock_trip")
-"""Somebody, or the autopilot, takes the thrusters away: an order of before counts no more (`ModeState.taken`)."""
+_TAKES_AWAY = _events("rc_takeover", "disarmed", "mode_changed", "outputs_still", "interlock_trip")
+"""Somebody, or the autopilot, takes the thrusters away: an order of before counts no more (`ModeState.taken`). A safety
+switch that is on as an autopilot boots took nothing away."""
 _CALM = _OPERATOR | _events("ready", "finished", *OVER.values())
 _ALERTED_AT_REST = _events(
     "fence_breached", "battery_low", "battery_critical", "override_ignored", "outputs_cut", "fence_clear", "battery_ok",

@@ -20,7 +20,7 @@ def test_a_hand_at_the_transmitter_takes_back_an_order_that_still_waits(taken, t
         if taken:
             bench.world.receiver_us = (*RECEIVER_US[:5], 1900, *RECEIVER_US[6:])
         assert await bench.run(12.0, until=lambda: bench.mode != "idle") is not taken
-        assert told(bench, "start dropped, for the pilot moved RC channel 6") == taken
+        assert told(bench, "start dropped: meanwhile the pilot moved RC channel 6") == taken
         bench.order("start")
         assert await bench.run(12.0, until=lambda: bench.mode in ("starting", "auto")), "a new order is obeyed"
 

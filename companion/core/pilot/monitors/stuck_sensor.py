@@ -2,8 +2,8 @@
 
 A boat at rest may read the same for minutes: the autopilot filters its sensors and sends whole milli-g and mrad/s.
 So a reading that repeats is stuck only where something else says that it should have changed: the rates of (other)
-inertial sensors, or the pulses of the thrusters. It is left out from then on, so that the filter misses it as it
-misses a sensor that has fallen silent.
+inertial sensors or, where all of these repeat, the pulses of the thrusters. It is left out from then on, so that the
+filter misses it as it misses a sensor that has fallen silent.
 """
 
 from __future__ import annotations
@@ -67,9 +67,7 @@ class StuckSensorMonitor(Monitor[SensorRepeats]):
         kind = type(message).__name__
         others = {k: r for k, r in state.by_type.items() if k != kind}
         if isinstance(message, OverrideLease):
-            says = tuple(map(float, message.pwm_us))
-            others = {k: _testify(r, kind, says, MOVED_US, t_ns) for k, r in others.items()}
-            return replace(state, by_type=others), NOTHING
+            return _pulses_testify(state, message, t_ns), NOTHING
         if isinstance(message, (ImuSample, Attitude)):
             rates = (message.p_rad_s, message.q_rad_s, message.r_rad_s)
             if all(map(math.isfinite, rates)):
@@ -96,6 +94,16 @@ def next_reading(before: Repeats, message: Measured, t_ns: int) -> tuple[Repeats
     same_s = (t_ns - before.since_ns) * 1e-9
     text = f"{name}: the same reading for {same_s:.1f} s though the boat moves: frozen, left out from now on"
     return now, (Alert(t_ns=t_ns, level="error", text=text),)
+
+
+def _pulses_testify(state: SensorRepeats, lease: OverrideLease, t_ns: int) -> SensorRepeats:
+    """What pulses say of inertial sensors that all repeat themselves; while one of them lives, it knows better."""
+    inertial = {k: r for k, r in state.by_type.items() if k in (ImuSample.__name__, Attitude.__name__)}
+    if any(r.count < LEAST for r in inertial.values()):
+        return state
+    says = tuple(map(float, lease.pwm_us))
+    judged = {k: _testify(r, type(lease).__name__, says, MOVED_US, t_ns) for k, r in inertial.items()}
+    return replace(state, by_type={**state.by_type, **judged})
 
 
 def _mean(before: tuple[float, ...], rates: tuple[float, ...]) -> tuple[float, ...]:

@@ -8,10 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.core.estimation.estimator import Estimator
 from companion.core.estimation.filter_state import SPEED
 from companion.core.messages import AnchorRange, Attitude, Battery, ImuSample, UwbPosition, UwbRanges
 from tests.companion.core.estimation.changed_runs import S, between, changed
-from tests.companion.core.estimation.estimator_world import estimate
+from tests.companion.core.estimation.estimator_world import basin, estimate, step_all
+from tests.support.vessel_fixtures import boat
 
 
 def test_numbers_that_are_not_finite_start_the_filter_afresh(run, estimator) -> None:
@@ -83,6 +85,14 @@ def test_one_range_before_the_start_does_not_keep_positions_out(run, estimator) 
         if m.t_rx_ns > sent + 8 * S > 8 * S:
             break
     assert estimator.estimate(state, m.t_rx_ns).health != "initialising"
+
+
+def test_ranges_that_come_late_start_on_the_heading_of_now(run) -> None:
+    vessel = boat("aritra")
+    uwb = msgspec.structs.replace(vessel.sensors.uwb, latency_s=0.7)
+    late = Estimator(msgspec.structs.replace(vessel, sensors=msgspec.structs.replace(vessel.sensors, uwb=uwb)), basin())
+    state = step_all(run, late, 8.0, lambda state, m: late.step(state, m)[0])
+    assert late.estimate(state, 8 * S).health != "initialising"
 
 
 def test_an_old_heading_starts_nothing(run, estimator) -> None:

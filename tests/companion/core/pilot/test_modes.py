@@ -260,3 +260,13 @@ def test_the_page_shows_this_table():
         if needs:
             (line,) = [row for row in rows if row[0] == mode and "link_lost" in row[-1]]
             assert set(re.findall(r"\w+_?\w*", line[2].replace("`", ""))) == set(needs), mode
+
+
+TAKES_AWAY = {"rc_takeover", "disarmed", "mode_changed", "outputs_still", "interlock_trip"}
+
+
+@pytest.mark.parametrize("event", EVENTS)
+def test_at_rest_too_it_is_known_that_somebody_took_the_thrusters_away(event):
+    """For the order that still waits at the interlock; an operator's own, and what only lasts, is no such thing."""
+    helm, _ = apply_event(ModeState(), event, "why", 7)
+    assert helm.taken == ((7, "why") if event in TAKES_AWAY else None)

@@ -55,8 +55,7 @@ def _in_time(table: pl.DataFrame, uwb: Uwb, zero_s: float) -> pl.DataFrame:
     placed = table.select("t_s", *PLACE).drop_nulls()
     t = placed["t_s"].to_numpy()
     since = t - zero_s - uwb.latency_s
-    late_s = np.maximum(drifted(uwb.clock_drift_s_s, since), -uwb.latency_s)  # nothing comes before it was measured
-    placed = placed.with_columns(t_s=pl.Series(t - late_s))
+    placed = placed.with_columns(t_s=pl.Series(t - drifted(uwb.clock_drift_s_s, since)))
     held = [name for name in table.columns if name.startswith(HELD)]
     both = table.drop(PLACE).join(placed, on="t_s", how="full", coalesce=True).sort("t_s")
     return both.with_columns(pl.col(held).forward_fill().backward_fill()).select(table.columns)

@@ -38,7 +38,9 @@ WINDOWS_S, LATELY_S = (1.0, 5.0, 10.0, 20.0), 25.0
 TICKS = 3
 JUMP_RAD = 0.35
 """From one message to the next beyond what the gyro says: no boat; assumed."""
-GAP_NS = 500_000_000
+GAP_NS, OLDER = 500_000_000, 3
+"""An attitude that is so much later begins anew; one that is not newer is left out, unless more than so many in a row
+are not: a clock that went back, or a queue that empties at once. Assumed."""
 MODEL_RAD_S = 0.02
 """The model's own yaw rate decides between the two if they differ by more; else it is the compass, which more things
 disturb. Assumed."""
@@ -92,7 +94,7 @@ class TurnReadings:
 @dataclass(frozen=True)
 class HeadingState:
     """`now`: the sums; `past`: at the last ticks, none before the filter runs; `contradicted`: ticks in a row;
-    `jumped`: heading is left out.
+    `jumped`: heading is left out; `older`: attitudes in a row that were not newer than the one before.
     """
 
     now: Turn | None = None
@@ -100,6 +102,7 @@ class HeadingState:
     past: tuple[Turn, ...] = ()
     contradicted: int = 0
     jumped: bool = False
+    older: int = 0
     findings: tuple[Finding, ...] = ()
 
 
@@ -126,10 +129,13 @@ class HeadingMonitor(Monitor[HeadingState]):
         before, alerts = state.now, ()
         in_site = struct_replace(message, psi_rad=ssa(message.psi_rad - self._rotation_rad))
         sensed = self._sensor.correct(in_site)  # what the file knows of the sensors contradicts nothing
-        if before is not None and before.t_ns - GAP_NS <= sensed.t_ns <= before.t_ns:  # out of order
-            return state, MonitorReport(instead=struct_replace(message, psi_rad=math.nan) if state.jumped else None)
-        if before is None or abs(sensed.t_ns - before.t_ns) > GAP_NS:
-            return replace(state, now=Turn(sensed.t_ns, sensed.psi_rad, 0.0, 0.0), past=(), contradicted=0), NOTHING
+        is_newer = before is not None and 0 < sensed.t_ns - before.t_ns <= GAP_NS
+        if not is_newer and before is not None and abs(sensed.t_ns - before.t_ns) <= GAP_NS and state.older < OLDER:
+            instead = struct_replace(message, psi_rad=math.nan) if state.jumped else None
+            return replace(state, older=state.older + 1), MonitorReport(instead=instead)
+        if before is None or not is_newer:
+            now = Turn(sensed.t_ns, sensed.psi_rad, 0.0, 0.0)
+            return replace(state, now=now, past=(), contradicted=0), NOTHING
         dt_s = (sensed.t_ns - before.t_ns) * 1e-9
         tilt = Tilt(sensed.phi_rad, sensed.theta_rad)
         turn, by_gyro = ssa(sensed.psi_rad - before.psi_rad), yaw_rate(tilt, sensed.q_rad_s, sensed.r_rad_s) * dt_s
@@ -141,7 +147,7 @@ class HeadingMonitor(Monitor[HeadingState]):
             state = replace(state, jumped=True, past=(), findings=(*state.findings, finding))
         instead = struct_replace(message, psi_rad=math.nan) if state.jumped else None
         readings = state.readings.take(message.psi_rad, message.r_rad_s, dt_s)
-        return replace(state, now=now, readings=readings), MonitorReport(alerts=alerts, instead=instead)
+        return replace(state, now=now, readings=readings, older=0), MonitorReport(alerts=alerts, instead=instead)
 
     def on_tick(self, state: HeadingState, view: TickView) -> tuple[HeadingState, MonitorReport]:
         """Compare over the windows."""

@@ -15,7 +15,7 @@ from companion.python_child import python
 from tests.companion.command_line import exit_code
 from tests.support.drive_fixture import setup
 
-SOON = 20.0
+SOON = 60.0
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from companion.__main__ import COMMANDS
 from tests.companion.command_line import exit_code
 
-SOON = 20.0
+SOON = 60.0
 ASK = """
 source "$1"
 IFS=' ' read -ra COMP_WORDS <<< "$2"

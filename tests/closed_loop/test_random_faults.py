@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, seed, settings
 from msgspec.structs import replace
 
+from companion.core.estimation import health
 from companion.core.messages import ModeStatus, OverrideLease
 from companion.core.pilot import annunciator, autopilot_state, manual_control
 from companion.core.pilot.monitors import battery, output_monitor, override_monitor
@@ -81,6 +82,7 @@ def packs_for_ever(patch):
 
 def blind_for_ever(patch):
     patch.setattr(annunciator, "degraded_too_long", lambda *_: None)
+    patch.setattr(health, "TURNS_UNSEEN_S", 1e9)
 
 
 def another_channel(patch):

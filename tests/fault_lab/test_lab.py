@@ -64,7 +64,7 @@ LONG = (
     "thruster 2 dead from 25",
     "thruster 3 swapped 4 from 25",
     pytest.param("thruster 2 swapped 3 from 25", marks=pytest.mark.matrix),
-    "thruster 4 weak 0.4 from 25",
+    pytest.param("thruster 4 weak 0.4 from 25", marks=pytest.mark.matrix),
 )
 
 

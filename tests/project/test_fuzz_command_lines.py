@@ -11,7 +11,9 @@ SEED = 1
 
 
 @pytest.mark.parametrize(
-    ("count", "seed"), [(200, SEED), pytest.param(2000, SEED + 1, marks=pytest.mark.long)], ids=["200", "2000"]
+    ("count", "seed"),
+    [(200, SEED), pytest.param(2000, SEED + 1, marks=[pytest.mark.long, pytest.mark.matrix])],
+    ids=["200", "2000"],
 )
 def test_no_line_ends_in_a_traceback(count, seed, tmp_path):
     out = fuzz_command_lines(count, seed, tmp_path)

@@ -130,12 +130,12 @@ class HeadingMonitor(Monitor[HeadingState]):
         in_site = struct_replace(message, psi_rad=ssa(message.psi_rad - self._rotation_rad))
         sensed = self._sensor.correct(in_site)  # what the file knows of the sensors contradicts nothing
         is_newer = before is not None and 0 < sensed.t_ns - before.t_ns <= GAP_NS
+        left_out = MonitorReport(instead=struct_replace(message, psi_rad=math.nan)) if state.jumped else NOTHING
         if not is_newer and before is not None and abs(sensed.t_ns - before.t_ns) <= GAP_NS and state.older < OLDER:
-            instead = struct_replace(message, psi_rad=math.nan) if state.jumped else None
-            return replace(state, older=state.older + 1), MonitorReport(instead=instead)
+            return replace(state, older=state.older + 1), left_out
         if before is None or not is_newer:
             now = Turn(sensed.t_ns, sensed.psi_rad, 0.0, 0.0)
-            return replace(state, now=now, past=(), contradicted=0), NOTHING
+            return replace(state, now=now, past=(), contradicted=0), left_out
         dt_s = (sensed.t_ns - before.t_ns) * 1e-9
         tilt = Tilt(sensed.phi_rad, sensed.theta_rad)
         turn, by_gyro = ssa(sensed.psi_rad - before.psi_rad), yaw_rate(tilt, sensed.q_rad_s, sensed.r_rad_s) * dt_s

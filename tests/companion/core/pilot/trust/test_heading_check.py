@@ -98,6 +98,16 @@ def test_attitudes_out_of_order_or_of_the_same_instant_hide_nothing(late_ns):
     assert watched(lambda psi, r, rng: (psi + 0.4, r), again=again).jumped
 
 
+def test_a_heading_that_jumped_is_left_out_after_a_gap_too():
+    state, monitor = watched(lambda psi, r, rng: (psi + 0.4, r)), HeadingMonitor(boat("aritra"), 0.0)
+    t_ns = round(END_S * S) + 2 * S
+    late = Attitude(
+        t_ns=t_ns, t_rx_ns=t_ns, phi_rad=0.0, theta_rad=0.0, psi_rad=0.4, p_rad_s=0.0, q_rad_s=0.0, r_rad_s=0.0
+    )
+    _, report = monitor.on_message(state, late, t_ns)
+    assert state.jumped and math.isnan(report.instead.psi_rad)
+
+
 def test_without_attitudes_no_memory_grows():
     monitor, seen = HeadingMonitor(boat("aritra"), 0.0), replace(view(0), belief=SimpleNamespace(f_n=np.zeros(4)))
     seen = replace(seen, model_nu=(0.0, 0.0, 0.0))

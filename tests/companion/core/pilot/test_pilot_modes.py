@@ -22,7 +22,7 @@ from companion.core.pilot.monitors.loop_lag import LATE_TICKS, LoopLag
 from companion.core.pilot.monitors.override_monitor import OverrideState
 from companion.core.pilot.monitors.plan_gap import ControllerTime
 from companion.core.pilot.pilot import Pilot
-from tests.companion.core.pilot.pilot_shell import Shell, heartbeat, operator, plan, sensors, stick
+from tests.companion.core.pilot.pilot_shell import Shell, attitude, heartbeat, operator, plan, sensors, stick
 from tests.companion.core.pilot.trust_fixture import in_trouble
 from tests.support.drive_fixture import setup, under_way
 from tests.support.excitation_fixture import of
@@ -282,7 +282,8 @@ def test_the_open_tick_of_the_mission_ends_in_neutral_when_the_sticks_take_over(
 
 def test_the_mode_is_told_at_every_change_and_once_a_second():
     boat = Boat("auto")
-    for _ in range(35):
+    for k in range(35):
+        boat.feed(attitude(boat.t_ns, boat.state.estimate.psi_rad + 1e-4 * (k % 10)))
         boat.tick()
     told = [o for o in boat.outputs if isinstance(o, m.ModeStatus)]
     assert [s.mode for s in told] == ["auto"] * 3 and all(b.t_ns - a.t_ns == S for a, b in pairwise(told))

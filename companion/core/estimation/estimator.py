@@ -254,7 +254,7 @@ class Estimator:
 
 def _sound(belief: FilterState) -> bool:
     """Whether all numbers are finite and no variance is negative."""
-    return bool(np.isfinite(belief.x.sum() + belief.P.sum()) and (np.diagonal(belief.P) >= 0).all())
+    return belief.is_finite and bool((np.diagonal(belief.P) >= 0).all())
 
 
 def _refuse(state: EstimatorState, reason: str) -> EstimatorState:

@@ -8,6 +8,7 @@ e: slow errors of the other sensors (`Sensor.error_states`), in the order of the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -96,6 +97,11 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
     def tilt(self) -> Tilt:
         """Roll and pitch [rad]."""
         return Tilt(float(self.x[TILT.start]), float(self.x[TILT.start + 1]))
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all numbers of state and covariance are."""
+        return math.isfinite(self.x.sum() + self.P.sum())
 
     def is_settling(self, most_s: float) -> bool:
         """Whether speed is not known yet, at most so long after the start or the last gap."""

@@ -40,7 +40,7 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning, position: Po
 
     `position`: limits of the boat's sensor of positions.
     """
-    if not math.isfinite(belief.x.sum() + belief.P.sum()):
+    if not belief.is_finite:
         return "lost", "the filter's numbers are not finite"
     if t_ns > belief.t_ns:
         return "lost", "no sensor message for too long to carry the estimate on"

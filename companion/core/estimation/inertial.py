@@ -128,7 +128,8 @@ class Inertial:
             belief = self._level(belief, m)
         rates, slopes = (m.p_rad_s, m.q_rad_s, m.r_rad_s), (0.0, 0.0, 0.0)
         if dt_s <= hold_s:
-            last, most = np.array(belief.rates_rad_s), np.array([*[MOST_SLOPE_RAD_S2 * dt_s] * 2, math.inf])
+            last, change = np.array(belief.rates_rad_s), MOST_SLOPE_RAD_S2 * dt_s
+            most = np.array([change, change, math.inf])
             rates = tuple(np.clip(rates, last - most, last + most).tolist())
             slopes = tuple((np.subtract(rates, last) / dt_s).tolist()) if dt_s >= SHORTEST_S else slopes
         belief = replace(belief, rates_rad_s=rates, rates_ns=belief.t_ns, slopes_rad_s2=slopes)

@@ -22,8 +22,10 @@ def heartbeat(t_ns, armed=True, mode=0):
                        system_status=4, armed=armed)  # fmt: skip
 
 
-def attitude(t_ns, psi_rad):
-    """Of a boat that neither turns nor leans."""
+def attitude(shell, t_ns=None):
+    """Of a boat that neither turns nor leans, by its estimate; its last digits live."""
+    t_ns = shell.t_ns if t_ns is None else t_ns
+    psi_rad = shell.state.estimate.psi_rad + 1e-4 * (t_ns // (20 * MS) % 10)
     return m.Attitude(t_ns=t_ns, t_rx_ns=t_ns, phi_rad=0.0, theta_rad=0.0, psi_rad=psi_rad, p_rad_s=0.0, q_rad_s=0.0,
                       r_rad_s=0.0)  # fmt: skip
 
@@ -103,6 +105,6 @@ def sensors(boat, ms):
         boat.feed(
             m.ImuSample(t_ns=t_ns, t_rx_ns=t_ns, ax_m_s2=0.0, ay_m_s2=0.0, az_m_s2=-9.8, p_rad_s=0.0, q_rad_s=0.0,
                         r_rad_s=0.0, source="RAW_IMU"),
-            attitude(t_ns, boat.state.estimate.psi_rad + 1e-4 * (k % 100)),
+            attitude(boat, t_ns),
         )  # fmt: skip
     boat.t_ns += ms * MS

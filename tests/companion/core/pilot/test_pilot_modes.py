@@ -282,8 +282,8 @@ def test_the_open_tick_of_the_mission_ends_in_neutral_when_the_sticks_take_over(
 
 def test_the_mode_is_told_at_every_change_and_once_a_second():
     boat = Boat("auto")
-    for k in range(35):
-        boat.feed(attitude(boat.t_ns, boat.state.estimate.psi_rad + 1e-4 * (k % 10)))
+    for _ in range(35):
+        boat.feed(attitude(boat))
         boat.tick()
     told = [o for o in boat.outputs if isinstance(o, m.ModeStatus)]
     assert [s.mode for s in told] == ["auto"] * 3 and all(b.t_ns - a.t_ns == S for a, b in pairwise(told))

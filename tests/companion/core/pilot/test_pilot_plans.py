@@ -164,8 +164,8 @@ def test_taken_away_means_neutral_until_the_operator_starts(end):
     shell.wait(5)
     shell.feed(plan(shell.index))
     assert shell.lease.source == "neutral", "not even the plan that was under way is sent"
-    for k in range(30):
-        shell.feed(heartbeat(shell.t_ns), attitude(shell.t_ns, shell.state.estimate.psi_rad + 1e-4 * (k % 10)))
+    for _ in range(30):
+        shell.feed(heartbeat(shell.t_ns), attitude(shell))
         shell.tick()
         assert shell.lease.source == "neutral" and shell.lease.index == shell.index
     assert not [o for o in shell.outputs if isinstance(o, m.VehicleRequest)], "nothing is asked of the autopilot"

@@ -17,7 +17,7 @@ MOST_N, LEAST_N = 38.0, -30.0
 
 def proposed(shell, f_n):
     """One tick with this plan; its lease."""
-    shell.feed(heartbeat(shell.t_ns), attitude(shell.t_ns, shell.state.estimate.psi_rad + 1e-4 * (shell.index % 10)))
+    shell.feed(heartbeat(shell.t_ns), attitude(shell))
     shell.tick()
     shell.wait(10)
     shell.feed(plan(shell.index, f_n=f_n))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
@@ -13,6 +14,8 @@ from companion.cli.options.parser import BAD_INPUT, Parser
 from companion.core.configuration.tables import ConfigError
 
 INTERRUPTED = 130
+PIPE_CLOSED = 141
+"""As shells report a program that SIGPIPE ended: 128 + 13."""
 COMMANDS = {
     "demo": "simulator.demo", "check": "boat.check", "provision": "boat.provision", "run": "boat.run",
     "teleop": "boat.teleop", "shore": "shore.console", "stop": "shore.stop", "sim": "simulator.sim",
@@ -48,12 +51,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser(asked or COMMANDS).parse_args(words)
     try:
         with ended_as_by_ctrl_c():
-            return args.function(args)
+            code = args.function(args)
+            sys.stdout.flush()  # here, where it can be said what came of it
+            return code
     except ConfigError as error:
         print(f"aritra {args.command}: {error}", file=sys.stderr)
         return BAD_INPUT
+    except BrokenPipeError:
+        if not _reader_is_gone():
+            raise
+        return PIPE_CLOSED
     except KeyboardInterrupt:
         return INTERRUPTED
+
+
+def _reader_is_gone() -> bool:
+    """Whether who reads our output has read enough, as `head` does. What is left to print goes nowhere then."""
+    try:
+        print(flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
+    return False
 
 
 if __name__ == "__main__":

@@ -24,12 +24,12 @@ die() {
 
 # --- what is asked for ------------------------------------------------------------------------------
 
-dry_run='' uninstall='' python='' root=''
+dry_run='' uninstall='' python='' named='' root=''
 while [ $# -gt 0 ]; do
     case $1 in
         --dry-run) dry_run=yes ;;
         --uninstall) uninstall=yes ;;
-        --python) [ $# -gt 1 ] || die "--python needs a program"; python=$2; shift ;;
+        --python) [ $# -gt 1 ] || die "--python needs a program"; python=$2 named=yes; shift ;;
         --root) [ $# -gt 1 ] || die "--root needs a folder"; root=$2; shift ;;
         -h | --help) usage; exit 0 ;;
         *) usage >&2; die "unknown option $1" ;;
@@ -78,6 +78,10 @@ offer() { # offer SOURCE TARGET: only where there is none; what a person edited 
     fi
 }
 
+base() { # base PYTHON: which installation it is, or nothing
+    "$1" -c 'import sys; print(sys.base_prefix, sys.version)' 2>/dev/null || true
+}
+
 find_python() {
     local candidate place
     for candidate in ${python:-python3 python3.13 python3.12 python3.11}; do
@@ -102,7 +106,8 @@ elsewhere: UV_PYTHON_INSTALL_DIR=/opt/python uv python install 3.12, and say --p
 install_program() {
     local lock=$source/requirements.lock stamp=$program/requirements.sha256 sum
     sum=$(sha256sum <"$lock")
-    if ! "$program/bin/python" -c '' 2>/dev/null; then
+    if ! "$program/bin/python" -c '' 2>/dev/null ||
+        { [ -n "$named" ] && [ "$(base "$program/bin/python")" != "$(base "$python")" ]; }; then
         run "$python" -m venv --clear "$program"
     fi
     if [ "$(cat "$stamp" 2>/dev/null)" != "$sum" ]; then
@@ -127,7 +132,7 @@ install_service() {
     offer "$source/deploy/on-board.toml" "$config/aritra.toml"
     while IFS= read -r file; do
         offer "$source/deploy/$file" "$config/$file"
-    done < <(cd "$source/deploy" && find boats sites missions excitations zenoh -type f ! -perm /111 ! -name '*.py' | sort)
+    done < <(cd "$source/deploy" && find boats sites missions excitations zenoh -type f ! -name '*.py' ! -name make-certificates | sort)
     on_system chgrp -R aritra "$config"
     run chmod -R g-w,o= "$config"
     run find "$config" -user root ! -type l ! -name '*.key' -exec chmod g+rX {} +

@@ -23,7 +23,7 @@ from companion.boat.fault_barrier import FaultBarrier, GuardedCodec
 from companion.boat.gcs_forward import GcsForward
 from companion.boat.position_feed import PositionFeed
 from companion.boat.process_stats import ProcessMeter
-from companion.boat.recorder import Recorder
+from companion.boat.recorder import Recorder, RecordingAlerts
 from companion.boat.solver_thread import REHEARSAL_S, Solver, SolverThread
 from companion.boat.start_interlock import WAITS_S, StartInterlock
 from companion.boat.tick_timing import TickTiming
@@ -258,7 +258,7 @@ class App:
     async def _housekeeping(self) -> None:
         """What goes on in silence: neutral after a lease, the session, words to the sensors, figures, the log."""
         meter = ProcessMeter(self._clock.now_ns())
-        problem: str | None = None
+        recording = RecordingAlerts()
         while True:
             now = self._clock.now_ns()
             if now >= self._lease_end_ns:
@@ -268,9 +268,8 @@ class App:
                 device.step(now)
             if stats := meter.step(now):
                 self._note(stats)
-            if self._recorder.problem and self._recorder.problem != problem:
-                problem = self._recorder.problem
-                self._watch(Alert(t_ns=now, level="error", text=problem))
+            if alert := recording.step(self._recorder.problem, now):
+                self._watch(alert)
             await self._clock.sleep_until(now + HOUSEKEEPING_NS)
 
     async def _let_go(self, loops: Sequence[asyncio.Task[None]]) -> None:

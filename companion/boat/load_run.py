@@ -64,7 +64,7 @@ def load_setup(path: Path, *, mission: Path | None = None, excitation: Path | No
     paths[f"mission{plan.suffix}"] = plan
     if excitation or run.excitation:
         paths["excitation.toml"] = excitation or path.parent / (run.excitation or "")
-    named = {path.parent / file: f"{path}: {key}: " for key in FILES if (file := getattr(run, key))}
+    named = {path.parent / file: f"{path}: {key}: " for key in FILES if (file := getattr(run, key)) is not None}
     texts = {"run.toml": _read(path), **{role: _read(p, named.get(p, "")) for role, p in paths.items()}}
     setup = setup_of(texts, {"run.toml": str(path), **{role: str(p) for role, p in paths.items()}})
     for problem in _beyond(setup.pilot):

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from companion.boat.clock import Clock
 from companion.core.messages import Alert
+from companion.logs.part import log_parts
 
 NAME = re.compile(r"(aritra-\d{8}-\d{6}(?:-\d+)?)(?:\.part(\d+))?\.mcap")
 FRESH_S = 60.0
@@ -44,7 +45,7 @@ def new_log(folder: Path, now: struct_time) -> Path:
     """A name that is not taken: `aritra-DATE-TIME.mcap`, then `-2`, `-3` (a clock may show a time again)."""
     stem = format_time("aritra-%Y%m%d-%H%M%S", now)
     path, number = folder / f"{stem}.mcap", 1
-    while path.exists():
+    while path.exists() or log_parts(path)[1:]:
         number += 1
         path = folder / f"{stem}-{number}.mcap"
     return path

@@ -21,9 +21,9 @@ from typing import Any, Literal, Self
 
 import msgspec
 
-from companion.core.messages import Message, topic
+from companion.core.messages import Alert, Message, topic
 from companion.logs.foxglove import VIEWER_KINDS, viewer_message, world_from_ned
-from companion.logs.part import ChannelInfo, LogItem, LogPart, part_path
+from companion.logs.part import ChannelInfo, LogItem, LogPart, log_parts, part_path
 from companion.logs.schema import METADATA_NAME, RAW_PREFIX, RawBytes, flow, viewer_schema
 
 PERIOD_S = 0.25  # between flushes; a quarter of the second that may be lost
@@ -32,6 +32,7 @@ HANG_S = 3.0  # a write that takes longer is a `problem` while it hangs; assumed
 CLOSE_S = 5.0  # how long the end of a run waits for a disk that hangs; assumed: what stops the service waits longer
 SLOW_S = 0.75  # a flush that takes longer than this breaks the promise of 1 s: said in `problem`
 ROTATE_BYTES = 64 * 1024 * 1024  # some 20 minutes: a file's index waits in memory, 2.5 kB for each quarter of a second
+OVER_NS = 10_000_000_000  # a problem that was gone for so long is over: a slow disk comes and goes; assumed
 MAX_QUEUED = 50_000  # messages; about 100 s of a disk that hangs, some 25 MB
 DISK_TROUBLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS})
 """What a disk says that is full or breaks: no boat stays ashore for it. All else at the start is a path to correct."""
@@ -180,6 +181,8 @@ class Recorder:
         self.close()
 
     def _begin(self) -> None:
+        if older := log_parts(self.path)[1:]:  # it would end this log at its first rotation, and be read as part of it
+            raise FileExistsError(errno.EEXIST, "is part of an older log", str(older[0]))
         try:
             self._part = self._open()
         except OSError as error:
@@ -217,6 +220,7 @@ class Recorder:
         took_s = (self._now_ns() - start_ns) / 1e9
         self.slowest_sync_s = max(self.slowest_sync_s, took_s)
         self._disk_problem = f"the disk is slow: a flush took more than {SLOW_S} s" if took_s > SLOW_S else ""
+        self._refusal = ""
 
     def _fail(self, error: Exception, lost: int) -> None:
         """Give up this file; the messages of the failed batch are lost, later ones wait for the next file."""
@@ -244,6 +248,24 @@ class Recorder:
             raise
         self._number += 1
         return part
+
+
+class RecordingAlerts:
+    """What is said of a recorder's `problem`: each new one, and that it is over when it was gone for `OVER_NS`."""
+
+    def __init__(self) -> None:
+        self._known: str | None = None
+        self._seen_ns = 0
+
+    def step(self, problem: str | None, t_ns: int) -> Alert | None:
+        """The alert that is due, if any."""
+        if problem:
+            self._seen_ns, known, self._known = t_ns, self._known, problem
+            return Alert(t_ns=t_ns, level="error", text=problem) if problem != known else None
+        if self._known is None or t_ns - self._seen_ns < OVER_NS:
+            return None
+        self._known = None
+        return Alert(t_ns=t_ns, level="info", text="the log is being written again; what came meanwhile is lost")
 
 
 def _channel(key: type | str) -> ChannelInfo:

@@ -31,7 +31,12 @@ def ended_as_by_ctrl_c() -> Iterator[None]:
 
 
 def call_when_asked_to_end(loop: AbstractEventLoop, end: Callable[[], object]) -> None:
-    """For a command with an orderly end of its own: Ctrl-C, `kill` and a closed terminal call `end` on `loop`."""
+    """For a command with an orderly end of its own: Ctrl-C, `kill` and a closed terminal call `end` on `loop`.
+
+    What is ignored stays so: `nohup` is there for a terminal that closes.
+    """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            continue
         with contextlib.suppress(NotImplementedError):  # event loops of Windows have no signal handlers
             loop.add_signal_handler(number, end)

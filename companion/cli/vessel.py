@@ -112,7 +112,10 @@ def new(args: argparse.Namespace, ask: Callable[[str], str] | None = None) -> in
     t200 = load_vessel(example.read_text(encoding="utf-8"), name=example.name).force_maps["t200"]
     vessel = first_vessel(Answers(length, beam, *others), args.name or args.out.stem, t200)
     head = "A first vessel file by `aritra vessel new`: nobody has measured this boat. What is assumed says so."
-    args.out.write_text(vessel_toml(vessel, head), encoding="utf-8")
+    try:
+        args.out.write_text(vessel_toml(vessel, head), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{args.out}: {error.strerror}") from None
     _print_next(args.out, guessed=others[0] is None, example="aritra" if vessel.sensors.uwb else "lake")
     return DONE
 

@@ -56,7 +56,7 @@ def _host_and_port(url: str, rest: str) -> tuple[str, int]:
         host = host[1:-1]
     elif ":" in host:
         raise PortUrlError(url, "an IPv6 address stands in brackets, as in [::1]")
-    if not host or "/" in host:
+    if not host or "/" in host or not _is_name(host):
         raise PortUrlError(url, f"{host!r} is not a host")
     if not _is_number(number) or not 1 <= int(number) <= 65535:
         raise PortUrlError(url, f"port number {number!r} is not between 1 and 65535")
@@ -79,6 +79,15 @@ def _path(url: str, path: str) -> str:
     if not path.startswith("/"):
         raise PortUrlError(url, f"{path!r} is not an absolute path")
     return path
+
+
+def _is_name(host: str) -> bool:
+    """Whether the network's names can spell it: looked up, another one is a UnicodeError, not an OSError."""
+    try:
+        host.encode("idna")
+    except UnicodeError:
+        return False
+    return True
 
 
 def _is_number(text: str) -> bool:

@@ -51,15 +51,15 @@ class Bench:
         answer = f'[ "$1" = is-active ] && echo {state}' if state else 'echo "$0 $@ was called" >&2; exit 99'
         self.stub("systemctl", answer)
 
-    def run(self, *words, root=True, python=True):
-        command = [str(SCRIPT), *words]
+    def run(self, *words, root=True, python=True, script=SCRIPT):
+        command = [str(script), *words]
         command += ["--root", str(self.root)] if root else []
         command += ["--python", str(self.python)] if python else []
         env = {**os.environ, "PATH": f"{self.stubs}:{os.environ['PATH']}"}
         return subprocess.run(command, capture_output=True, text=True, env=env, timeout=60, check=False)
 
-    def installed(self, *words):
-        done = self.run(*words)
+    def installed(self, *words, script=SCRIPT):
+        done = self.run(*words, script=script)
         assert done.returncode == 0, done.stdout + done.stderr
         assert done.stderr == ""
         return done.stdout
@@ -113,6 +113,34 @@ def test_what_it_installs_is_a_configuration_that_runs(bench):
     bench.installed()
     setup = load_setup(bench.root / "etc/aritra/aritra.toml")
     assert setup.pilot.vessel.name == "aritra" and setup.run.log.folder == "/var/lib/aritra/logs"
+
+
+def test_from_a_stick_without_modes_of_files_it_installs_the_same(bench, tmp_path):
+    """FAT has no modes: all files may be run."""
+    bench.installed()
+    expected = {path for path in bench.tree() if path.startswith("etc/aritra")}
+    stick = tmp_path / "stick"
+    shutil.copytree(ROOT / "deploy", stick / "deploy")
+    shutil.copytree(ROOT / "docs", stick / "docs", ignore=shutil.ignore_patterns("figures", "site"))
+    shutil.copy(ROOT / "requirements.lock", stick)
+    for file in stick.rglob("*"):
+        file.chmod(0o755)
+    bench.root = tmp_path / "second"
+    bench.installed(script=stick / "deploy/install.sh")
+    assert {path for path in bench.tree() if path.startswith("etc/aritra")} == expected
+
+
+def test_another_python_that_is_named_gets_a_new_environment(bench):
+    bench.installed()
+    asked = len(bench.asked())
+    head, rest = PYTHON.split('  "-c import sys"*')
+    other = f'{head}  "-c import sys; print(sys.base_prefix, sys.version)") echo another ;;\n  "-c import sys"*{rest}'
+    bench.python = bench.stub("another-python", other.format(notes=bench.notes, python=sys.executable))
+    for expected in (1, 0):
+        bench.installed()
+        made = bench.asked()[asked:].count(f"-m venv --clear {bench.root}/opt/aritra")
+        assert made == expected, "once: then it is the one that is there"
+        asked = len(bench.asked())
 
 
 def test_a_second_run_changes_nothing_but_the_program(bench):

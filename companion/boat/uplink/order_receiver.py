@@ -134,11 +134,12 @@ class ShoreCommands:
         try:
             mission = self._mission(order.mission) if order.mission else None
             self._loop.call_soon_threadsafe(self._obey, asked, order, mission)
-        except (OrderRefused, RuntimeError) as error:
+        except Exception as error:  # whatever it is, the order waits no longer
             with self._lock:
                 self._pending -= 1
             if isinstance(error, OrderRefused):
                 self._finish(order, self._outcome("refused", error.code, error.text))
+            if not isinstance(error, RuntimeError):
                 raise
             asked.query.drop()  # the loop is gone, and the run with it
 

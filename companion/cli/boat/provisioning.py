@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import filecmp
+import re
 import sys
 from pathlib import Path
 
@@ -27,6 +29,8 @@ FOLDER = EXAMPLES / "ardupilot"
 SCRIPT = FOLDER / "gate.lua"
 SCRIPTS = "/APM/scripts"
 """Where ArduPilot looks for scripts on its SD card."""
+UNDATED = "1970"
+"""Year of a log whose autopilot had no clock (LOG_ENTRY: time_utc is 0 where it is not known)."""
 
 
 def provision(args: argparse.Namespace, console: Console | None = None) -> int:
@@ -75,6 +79,7 @@ async def _wire(args: argparse.Namespace, autopilot: Provisioner, console: Conso
         await _refuse_armed(autopilot)
         if not args.yes and not _agreed(console, differences, script):
             return FAILED
+        await _refuse_armed(autopilot)  # somebody may have armed it while the table was read
     if failed := await _write(autopilot, differences, console):
         console.print(Text(f"NOT DONE: {', '.join(failed)}; run it again", style="bold red"))
         return FAILED
@@ -184,18 +189,23 @@ async def _fetch_logs(args: argparse.Namespace, autopilot: Provisioner, console:
 async def _fetch(autopilot: Provisioner, log: StoredLog, folder: Path, progress) -> None:
     path = folder / file_name(log)
     task = progress.add_task(f"log {log.number}", total=1.0, what=path.name)
-    if path.exists() and path.stat().st_size == log.size_bytes:
-        progress.update(task, completed=1.0, what=f"{path.name} is there already")
-        return
-    part = path.with_suffix(".part")
-    part.unlink(missing_ok=True)
-    await autopilot.download(log, part, lambda share: progress.update(task, completed=share))
-    part.replace(path)
-    progress.update(task, completed=1.0)
+    is_same = path.exists() and path.stat().st_size == log.size_bytes and not log.date.startswith(UNDATED)
+    if not is_same:
+        part = path.with_suffix(".part")
+        part.unlink(missing_ok=True)
+        await autopilot.download(log, part, lambda share: progress.update(task, completed=share))
+        while path.exists() and not (is_same := filecmp.cmp(part, path, shallow=False)):
+            path = next_name(path)
+        part.replace(path)  # onto itself, where it is the same
+    progress.update(task, completed=1.0, what=f"{path.name}{' is there already' if is_same else ''}")
+
+
+def next_name(path: Path) -> Path:
+    """`log-0007-DATE.bin`, then `-2`, `-3`: another log of the same number and date."""
+    stem, number = re.fullmatch(r"(log-\d+-.+?Z)(?:-(\d+))?", path.stem).groups()
+    return path.with_stem(f"{stem}-{int(number or 1) + 1}")
 
 
 def file_name(log: StoredLog) -> str:
-    """`log-0007-2026-01-01T000000Z.bin`: number and the autopilot's date, so that a card that was emptied does not
-    overwrite older ones.
-    """
+    """`log-0007-2026-01-01T000000Z.bin`: number and the autopilot's date; see `next_name` for one without a clock."""
     return f"log-{log.number:04d}-{log.date.replace(':', '')}.bin"

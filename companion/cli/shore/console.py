@@ -14,6 +14,8 @@ import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import psutil
+
 from companion.cli.interrupts import call_when_asked_to_end
 from companion.cli.options.extras import how_to_install
 from companion.cli.options.values import port
@@ -88,7 +90,7 @@ async def _serve(args: argparse.Namespace) -> int:
         print(f"aritra shore: {args.host}:{args.port}: {error}; another --port?", file=sys.stderr)
         return 2
     port = server.sockets[0].getsockname()[1]
-    for line in _addresses(args.host, port, token):
+    for line in addresses(args.host, port, token):
         print(line, flush=True)
     print(f"zenoh: {', '.join([*args.connect, *(f'listening on {x}' for x in listen)]) or args.config}", flush=True)
     print("orders: signed with the command key" if keys else "no command key: this console only looks", flush=True)
@@ -144,10 +146,12 @@ def _address(host: str, port: int, token: str | None) -> str:
     return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
 
 
-def _addresses(host: str, port: int, token: str | None) -> list[str]:
+def addresses(host: str, port: int, token: str | None) -> list[str]:
+    """What is printed of where the console is: every address of this machine, where it serves the network."""
     if host not in ("0.0.0.0", "::"):
         return [f"console: {_address(host, port, token)}"]
-    mine = sorted({str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)})
+    cards = psutil.net_if_addrs().values()
+    mine = sorted({each.address for card in cards for each in card if each.family is socket.AF_INET})
     return [
         f"console: {_address('127.0.0.1', port, token)}",
         *(f"  from the network: {_address(a, port, token)}" for a in mine if not a.startswith("127.")),

@@ -13,7 +13,7 @@ the end of the course by itself, slows to a stop, and stays; `done` goes on hold
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -53,7 +53,7 @@ def start(
         else:
             ahead = (here, *ahead)
     route = Path(ahead or path.waypoints[-1:])
-    angles = route.angles_rad or path.angles_rad
+    angles = path.angles_rad or route.angles_rad  # of the mission, wherever this start is given
     end_psi = end_heading_rad if end_heading_rad is not None else angles[-1] if angles else eta[2]
     limits, at_end = settings.limits, "done" if settings.end == "drift" else "station"
     return GuidanceState(
@@ -76,11 +76,17 @@ def hold(
     t_ns: int,
     *,
     passed: tuple[Passage, ...] = (),
+    is_clear: Callable[[float, float], bool] = lambda north_m, east_m: True,
 ) -> GuidanceState:
-    """Keep station here: at the present heading, where braking from U ends, U^2 / 2a ahead of the boat."""
+    """Keep station here: at the present heading, where braking from U ends, U^2 / 2a ahead of the boat.
+
+    Where that place is not clear of fences (`is_clear`), where the boat is: it then brakes as hard as it can.
+    """
     eta, nu = _floats(eta), _floats(nu)
     stretch_s = math.hypot(nu[0], nu[1]) / (2 * settings.limits.deceleration_m_s2)
     dn, de = rotate(eta[2], nu[0] * stretch_s, nu[1] * stretch_s)
+    if not is_clear(eta[0] + dn, eta[1] + de):
+        dn, de = 0.0, 0.0
     return GuidanceState(
         phase="station",
         t_ns=t_ns,

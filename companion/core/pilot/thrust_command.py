@@ -114,11 +114,15 @@ class ThrustCommander:
             return state
         g, mission = self.settings.guidance, state.mission or self.settings.mission
         if state.helm.mode == "hold":
-            return replace(state, guidance=guidance.hold(g, eta, nu, t_ns))
+            return replace(state, guidance=guidance.hold(g, eta, nu, t_ns, is_clear=self._is_clear))
         passed = state.passed if len(state.passed) < len(mission.path.waypoints) else ()
         end = mission.end_heading_rad
         begun = guidance.start(mission.path, g, eta, nu, t_ns, end_heading_rad=end, passed=passed)
         return replace(state, guidance=begun)
+
+    def _is_clear(self, north_m: float, east_m: float) -> bool:
+        """Whether station can be kept at a place as far as fences go."""
+        return self.settings.fence.clearance(north_m, east_m) >= self.settings.nmpc.fence_margin_m
 
     def _excite(
         self, state: PilotState, flight: Flight, estimate: StateEstimate, t_ns: int

@@ -14,8 +14,8 @@ from companion.core.telemetry.shore_message import ShoreMessage
 class ModeNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `mode`, at every change and once a second. `driving`: the thrusters may turn.
 
-    `armed`, `autopilot_mode`: of the last heartbeat (Rover: 0 MANUAL, 4 HOLD), null before the first. `ended`: the
-    boat's program ends, in order; nothing comes after it.
+    `armed`, `autopilot_mode`: of the last heartbeat (Rover: 0 MANUAL, 4 HOLD), null while the autopilot is silent.
+    `ended`: the boat's program ends, in order; nothing comes after it.
     """
 
     mode: Mode

@@ -126,8 +126,9 @@ class AttitudeNow(ShoreMessage, frozen=True, kw_only=True):
 class ThrustersNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `thrusters`, at the full rate: the lease. In the order of `About.thrusters`.
 
-    `source`: rung of the fallback ladder, or excitation, or manual; `reason`: why no higher one. `output_us`:
-    pulse widths at the autopilot's first outputs as it reports them, null before it did.
+    `source`: rung of the fallback ladder, or excitation, or manual; `reason`: why no higher one. `output_us`: pulse
+    widths at the autopilot's first outputs as it reports them, null where its report is older than 1 s. `sent`:
+    whether the pulses went to an open port; null from boats that do not say so.
     """
 
     pwm_us: tuple[int, ...]
@@ -135,6 +136,7 @@ class ThrustersNow(ShoreMessage, frozen=True, kw_only=True):
     source: str
     reason: str
     output_us: tuple[int, ...] | None
+    sent: bool | None = None
 
 
 class ReferenceNow(ShoreMessage, frozen=True, kw_only=True):

@@ -33,6 +33,7 @@ from companion.core.messages import (
     StateEstimate,
     UwbRanges,
 )
+from companion.core.pilot.autopilot_state import is_alive
 from companion.core.pilot.state import PilotSettings
 from companion.core.sensors.sensor import Sensor
 from companion.core.telemetry import structs as shore
@@ -45,6 +46,8 @@ AGED: dict[str, tuple[type[Message], ...]] = {
     "attitude": (Attitude,),
 }
 """Whose age is told beside that of the other sensors."""
+OUTPUT_FRESH_NS = 1_000_000_000
+"""A report of the outputs is of now for so long: ten periods of its stream (assumed)."""
 
 
 class Who(NamedTuple):
@@ -120,8 +123,9 @@ def attitude(run: str, a: Attitude) -> shore.AttitudeNow:
     )
 
 
-def thrusters(run: str, lease: OverrideLease, output: ServoOutput | None, n: int) -> shore.ThrustersNow:
-    """The lease, and the first `n` outputs as the autopilot reports them."""
+def thrusters(run: str, lease: OverrideLease, sent: bool, output: ServoOutput | None, n: int) -> shore.ThrustersNow:
+    """The lease, whether it was `sent`, and the first `n` outputs as the autopilot has just reported them."""
+    fresh = output is not None and lease.t_ns - output.t_ns <= OUTPUT_FRESH_NS
     return shore.ThrustersNow(
         run=run,
         t_ns=lease.t_ns,
@@ -129,7 +133,8 @@ def thrusters(run: str, lease: OverrideLease, output: ServoOutput | None, n: int
         force_n=tuple(map(metres, lease.f_command_n[:n])),
         source=lease.source,
         reason=cut(lease.reason),
-        output_us=output.pwm_us[:n] if output else None,
+        output_us=output.pwm_us[:n] if output and fresh else None,
+        sent=sent,
     )
 
 
@@ -213,15 +218,16 @@ def excitation(run: str, x: ExcitationStatus) -> shore.ExcitationNow:
 
 
 def mode(run: str, message: ModeStatus, beat: Heartbeat | None) -> shore.ModeNow:
-    """The pilot's mode, and the autopilot's with it."""
+    """The pilot's mode, and the autopilot's with it while it is alive."""
+    alive = beat if beat and is_alive(beat.t_ns, message.t_ns) else None
     return shore.ModeNow(
         run=run,
         t_ns=message.t_ns,
         mode=message.mode,
         why=cut(message.why),
         driving=message.driving,
-        armed=beat.armed if beat else None,
-        autopilot_mode=beat.custom_mode if beat else None,
+        armed=alive.armed if alive else None,
+        autopilot_mode=alive.custom_mode if alive else None,
     )
 
 

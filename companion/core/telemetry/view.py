@@ -77,6 +77,7 @@ class TelemetryView:
         self._attitude_ns: int | None = None
         self._links: dict[str, LinkStatus] = {}
         self._residuals: dict[str, Innovation] = {}
+        self._sent = False
         self._loaded: NewMission | None = None
         self._request: SolveRequest | None = None
         self._horizon: tuple[PlanResult, SolveRequest] | None = None
@@ -154,6 +155,7 @@ class TelemetryView:
     def _tick_over(self, message: LoopTiming) -> list[shore.ShoreMessage]:
         """The lease has gone out: everything that is due."""
         now, second = message.t_ns, self._second
+        self._sent = message.sent
         second.late_ms.append(message.lateness_ms)
         if message.imu_to_override_ms is not None:
             second.imu_ms.append(message.imu_to_override_ms)
@@ -185,7 +187,9 @@ class TelemetryView:
 
     def _thrusters(self, t_ns: int) -> shore.ThrustersNow | None:
         lease: OverrideLease | None = self._last.pop(OverrideLease, None)
-        return topics.thrusters(self._who.run, lease, self._last.get(ServoOutput), self._n) if lease else None
+        if lease is None:
+            return None
+        return topics.thrusters(self._who.run, lease, self._sent, self._last.get(ServoOutput), self._n)
 
     def _reference(self, t_ns: int) -> shore.ReferenceNow | None:
         g: GuidanceReference | None = self._last.pop(GuidanceReference, None)

@@ -42,6 +42,8 @@ WARN_S = 10.0
 QUICK_S = 1.0
 """How long the answer to a request waits for the boat's; the rest comes by WebSocket, for a browser has six connections
 to us, and a boat that is dead must not keep the order to another (assumed)."""
+LATE_S = 5.0
+"""An order that needed longer from its page to here is refused: who gave it has turned elsewhere (assumed)."""
 HOME = "/web/console.html"
 _ENCODER = msgspec.json.Encoder()
 
@@ -209,6 +211,8 @@ class Console:
         if (body.mission is not None) != (body.command == "load_mission"):
             raise web.HTTPBadRequest(text="`mission` belongs to load_mission, and to nothing else")
         check_length(body.mission)
+        if body.command != "stop":
+            _refuse_late(body.given_ms)
         order = self._orders.begin(body.boat, body.command)
         self._pages[order.number] = body.page
         return await self._given(order, self._orders.send(order, body.mission))
@@ -217,6 +221,7 @@ class Console:
         body = await read_body(request, DriveThereRequest)
         commands = LEAVING[0 if body.leave else 1 :]
         check_length(body.mission)
+        _refuse_late(body.given_ms)
         order = self._orders.begin(body.boat, commands[0])
         return await self._given(order, drive_there(self._orders, order, body.mission, commands))
 
@@ -280,3 +285,10 @@ class Console:
                     await socket.send_str(event.decode())
                 if frame := browser.watcher.frame(self.store.boats, time.monotonic() * 1e3):
                     await socket.send_str(frame.decode())
+
+
+def _refuse_late(given_ms: float | None) -> None:
+    """Raise the answer to an order that may move the boat and that the network held up."""
+    late_s = 0.0 if given_ms is None else time.monotonic() - given_ms * 1e-3
+    if late_s > LATE_S:
+        raise web.HTTPRequestTimeout(text=f"it was given {late_s:.0f} s ago: give it again if it is still wanted")

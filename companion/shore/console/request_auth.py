@@ -12,8 +12,6 @@ import hmac
 import ipaddress
 from dataclasses import dataclass
 
-COOKIE = "aritra_token"
-
 
 @dataclass(frozen=True)
 class RequestAuth:
@@ -32,6 +30,11 @@ class RequestAuth:
         if origin is None:
             return not needed
         return host is not None and origin.lower() in (f"http://{host.lower()}", f"https://{host.lower()}")
+
+    @staticmethod
+    def cookie(port: int | None) -> str:
+        """Name of the cookie with the token: browsers keep the cookies of all ports of a host together."""
+        return f"aritra_token_{port}"
 
     def knows(self, token: str | None) -> bool:
         """Whether a token is ours."""

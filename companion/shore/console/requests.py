@@ -16,20 +16,25 @@ BoatName = Annotated[str, msgspec.Meta(pattern=NAME)]
 
 
 class BrowserRequest(msgspec.Struct, forbid_unknown_fields=True):
-    """Body of POST /order. `page`: whose sticks drive after `manual`."""
+    """Body of POST /order. `page`: whose sticks drive after `manual`. `given_ms`: when, on the console's clock."""
 
     boat: BoatName
     command: Command
     mission: MissionFile | None = None
     page: PageName | None = None
+    given_ms: float | None = None
 
 
 class DriveThereRequest(msgspec.Struct, forbid_unknown_fields=True):
-    """Body of POST /drive_there: a mission of one point. `leave`: the mission that is driven is left for it."""
+    """Body of POST /drive_there: a mission of one point. `leave`: the mission that is driven is left for it.
+
+    `given_ms`: as in BrowserRequest.
+    """
 
     boat: BoatName
     mission: MissionFile
     leave: bool
+    given_ms: float | None = None
 
 
 class StopRequest(msgspec.Struct, forbid_unknown_fields=True):

@@ -12,7 +12,7 @@ import msgspec
 from aiohttp import web
 
 from companion.shore.console.assets import Asset, assets
-from companion.shore.console.request_auth import COOKIE, RequestAuth
+from companion.shore.console.request_auth import RequestAuth
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -69,7 +69,7 @@ def _guarded(guard: RequestAuth, passed: Callable[[asyncio.Transport | None], ob
             raise _stranger("this name is not one of this machine's: use its address")
         if not guard.origin(origin, host, needed=changes):
             raise _stranger("asked for by a page of another site")
-        known = guard.knows(request.cookies.get(COOKIE))
+        known = guard.knows(request.cookies.get(guard.cookie(request.url.port)))
         if not known and request.path != "/":
             raise _stranger(TOKEN)
         if known:
@@ -100,9 +100,9 @@ def _entrance(guard: RequestAuth, page: Handler) -> Handler:
     async def enter(request: web.Request) -> web.StreamResponse:
         if (token := request.query.get("token")) is not None and guard.knows(token):
             answer = web.HTTPSeeOther("/")
-            answer.set_cookie(COOKIE, token, httponly=True, samesite="Strict", path="/")
+            answer.set_cookie(guard.cookie(request.url.port), token, httponly=True, samesite="Strict", path="/")
             raise answer
-        if not guard.knows(request.cookies.get(COOKIE)):
+        if not guard.knows(request.cookies.get(guard.cookie(request.url.port))):
             raise _stranger(TOKEN)
         return await page(request)
 

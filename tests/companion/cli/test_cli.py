@@ -11,7 +11,7 @@ import pytest
 from companion.__main__ import parser
 from companion.boat.load_run import EXAMPLES
 from companion.cli.simulator.world_options import add_world_arguments, world_arguments
-from companion.python_child import python
+from companion.python_child import aritra, python
 from tests.companion.command_line import exit_code
 from tests.support.drive_fixture import setup
 
@@ -55,6 +55,15 @@ def test_every_command_helps(command, words, capsys):
 def test_a_command_brings_no_slow_library_that_it_does_not_need(modules, slow):
     told = f"import sys, {modules}; print(*sorted(set('{slow}'.split()) & set(sys.modules)))"
     assert subprocess.check_output(python("-c", told), text=True, timeout=120).split() == []
+
+
+def test_a_reader_that_has_read_enough_is_no_traceback():
+    """As in `aritra completion bash | head -1`."""
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(aritra("completion", "bash"), stdout=write, stderr=subprocess.PIPE, timeout=SOON, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (141, b"")
 
 
 def test_the_version_is_told(capsys):

@@ -50,6 +50,11 @@ def test_five_answers_at_a_terminal_write_the_same(tmp_path, capsys):
     assert (tmp_path / "boat.toml").read_text() == (tmp_path / "asked.toml").read_text()
 
 
+def test_a_file_that_cannot_be_written_is_one_sentence(capsys):
+    assert new("/proc/boat.toml", *SIZE, "--mass", "17", "--layout", "differential", "--position", "gnss") == 2
+    assert "aritra vessel: /proc/boat.toml: " in capsys.readouterr().err
+
+
 def test_answers_that_end_early_write_nothing(tmp_path, capsys):
     def ask(question):
         raise EOFError

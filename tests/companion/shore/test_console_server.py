@@ -77,6 +77,41 @@ def test_from_the_network_only_with_the_token():
     asyncio.run(play())
 
 
+def test_a_second_console_of_this_machine_does_not_shut_out_the_first():
+    """Browsers keep one jar of cookies for all ports of a host."""
+
+    async def play():
+        async with serving(token="sesame-123") as first, serving(token="barley-456") as second:
+            for desk, token in ((first, "sesame-123"), (second, "barley-456")):
+                async with first.http.get(f"{desk.url}/?token={token}") as answer:
+                    assert answer.status == 200
+            for desk in (first, second):
+                async with first.http.get(f"{desk.url}/web/console.js") as answer:
+                    assert answer.status == 200
+
+    asyncio.run(play())
+
+
+@pytest.mark.parametrize(
+    ("path", "order", "status"),
+    [
+        ("/order", {"command": "start"}, 408), ("/order", {"command": "hold"}, 408),
+        ("/order", {"command": "stop"}, 200),
+        ("/drive_there", {"mission": {"name": "x", "text": "y"}, "leave": False}, 408),
+    ],
+)  # fmt: skip
+def test_an_order_that_the_network_held_up_moves_nothing_and_a_stop_is_never_late(path, order, status):
+    async def play():
+        async with serving() as desk:
+            for late_s, expected in ((30.0, status), (1.0, 200)):
+                body = {"boat": "b", "given_ms": (time.monotonic() - late_s) * 1e3} | order
+                async with desk.http.post(desk.url + path, json=body, headers={"Origin": desk.url}) as answer:
+                    assert answer.status == expected
+                    assert expected == 200 or "30 s ago" in await answer.text()
+
+    asyncio.run(play())
+
+
 @pytest.mark.parametrize(
     ("data", "status"),
     [

@@ -45,6 +45,7 @@ def test_urls_that_mean_something(url, kind, name):
         ("udpin::14550", "is not a host"),
         ("udpout://127.0.0.1:14550", "is not a host"),
         ("udpout:::1:14550", "in brackets"),
+        ("udpout:192.168.1..20:14550", "'192.168.1..20' is not a host"),
         ("tcp:localhost:port", "port number 'port'"),
         ("tcp:localhost:0", "between 1 and 65535"),
         ("tcp:localhost:65536", "between 1 and 65535"),

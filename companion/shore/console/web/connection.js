@@ -3,6 +3,9 @@
 const AGAIN_MS = [250, 500, 1000, 2000];
 const SILENT_MS = 4000; // the console speaks every second: longer silence is a line that died without a word
 const MOST_WAITING = 1000; // bytes on their way: some places of the sticks
+const CLOCK_MS = 10000; // of the frames of so long the least delayed one tells the console's clock
+const STOP_ANSWER_MS = 2000; // a stop without an answer for so long is given again: the network may have lost it
+const ANSWER_MS = 10000; // the console answers within 1 s, and refuses an order that takes longer than 5 s to come
 const REFUSED = "The console refused this page: open the address that `aritra shore` printed.";
 
 export class Connection {
@@ -13,7 +16,8 @@ export class Connection {
     this.tries = 0;
     this.since_ms = performance.now();
     this.heard_ms = null;
-    this.ahead_ms = null; // the console's clock minus ours
+    this.clocks = []; // [ms, the console's clock minus ours] of the last frames; a delay makes it look slow
+    this.ahead_ms = null; // the greatest of them
     this.chosen = null;
     this.connect();
     this.watch = setInterval(() => this.check(), 500);
@@ -24,8 +28,11 @@ export class Connection {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/ws`);
     this.socket = socket;
+    this.begun_ms = performance.now();
     socket.onopen = () => {
+      if (socket !== this.socket) return socket.close();
       this.open = true;
+      this.clocks = []; // the console may have been started anew
       this.tries = 0;
       this.heard_ms = performance.now();
       if (this.chosen) this.choose(this.chosen);
@@ -37,7 +44,9 @@ export class Connection {
   hear(message) {
     this.heard_ms = performance.now();
     if (message.type === "samples") {
-      this.ahead_ms = message.now_ms - this.heard_ms;
+      this.clocks = this.clocks.filter(([at_ms]) => this.heard_ms - at_ms < CLOCK_MS);
+      this.clocks.push([this.heard_ms, message.now_ms - this.heard_ms]);
+      this.ahead_ms = Math.max(...this.clocks.map(([, ahead_ms]) => ahead_ms));
       this.handlers.onframe?.(message);
     } else if (message.type === "order") this.handlers.onorder?.(message);
     else if (message.type === "console") this.handlers.onconsole?.(message);
@@ -51,7 +60,8 @@ export class Connection {
   }
 
   check() {
-    if (!this.open || performance.now() - this.heard_ms < SILENT_MS) return;
+    const opening = this.socket?.readyState === WebSocket.CONNECTING;
+    if (!(this.open || opening) || performance.now() - (this.open ? this.heard_ms : this.begun_ms) < SILENT_MS) return;
     const dead = this.socket;
     this.socket = null;
     dead.close();
@@ -60,7 +70,7 @@ export class Connection {
 
   /** Try now, not when the pause is over. */
   hurry() {
-    if (!this.open) this.connect();
+    if (!this.open && this.socket?.readyState !== WebSocket.CONNECTING) this.connect();
   }
 
   /** Show this boat closely. */
@@ -79,29 +89,41 @@ export class Connection {
     return (performance.now() - (this.heard_ms ?? this.since_ms)) / 1000;
   }
 
-  /** The console's clock now [ms], by its last frame; it goes on when the console is silent. */
+  /** The console's clock now [ms], by its last frames; it goes on when the console is silent. */
   console_ms() {
     return (this.ahead_ms ?? 0) + performance.now();
   }
 
-  /** POST one order. What the console made of it; {state: "not_sent", why} where it cannot be reached. */
+  /** POST one order. What the console made of it; {state: "not_sent" or "no_answer", why} where it cannot be reached. */
   order(body) {
-    return this.post("/order", body);
+    return this.give("/order", body);
+  }
+
+  /** POST what may move the boat: with the instant, for what the network held up must not move it any more. */
+  give(path, body) {
+    const given_ms = this.ahead_ms === null ? null : this.console_ms();
+    return this.post(path, { ...body, given_ms });
   }
 
   /** POST a stop to boats: a list of orders, whose answers come over the WebSocket; or as `order` in failure. */
   stop(boats) {
-    return this.post("/stop", { boats });
+    return this.post("/stop", { boats }, STOP_ANSWER_MS);
   }
 
-  async post(path, body) {
+  async post(path, body, patience_ms = ANSWER_MS) {
     try {
-      const answer = await fetch(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
+      const answer = await fetch(path, {
+        method: "POST",
+        headers: { "Content-Type": "application/json" },
+        body: JSON.stringify(body),
+        signal: AbortSignal.timeout(patience_ms),
+      });
       if (answer.ok) return await answer.json();
       const why = answer.status === 403 ? REFUSED : `The console refused it: ${await answer.text()}`;
       return { type: "order", state: "not_sent", ...body, why };
-    } catch {
-      return { type: "order", state: "not_sent", ...body, why: "The console program does not answer.", unreachable: true };
+    } catch (error) {
+      const state = error.name === "TimeoutError" ? "no_answer" : "not_sent"; // what was under way may have come there
+      return { type: "order", state, ...body, tries: 1, why: "The console program does not answer this page.", unreachable: true };
     }
   }
 }

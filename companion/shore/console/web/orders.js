@@ -60,9 +60,11 @@ export class OrderDesk {
     const end = performance.now() + STOP_PATIENCE_MS;
     for (let tries = 1; ; tries++) {
       const given = await this.connection.stop(boats);
+      if (given.unreachable) given.tries = tries;
       if (!given.unreachable || performance.now() > end) return shown.forEach((mine, k) => this.told(mine, given[k] ?? given));
       this.connection.hurry();
-      for (const mine of shown) this.show({ ...mine, unsent: true, tries, why: "The console program does not answer: trying again." });
+      const unsent = given.state === "not_sent";
+      for (const mine of shown) this.show({ ...mine, unsent, tries, why: `${given.why} Trying again.` });
       await wait(STOP_AGAIN_MS);
     }
   }
@@ -79,7 +81,7 @@ export class OrderDesk {
   async driveThere(boat, mission, leave) {
     this.driving = boat;
     const shown = this.begin({ boat, command: leave ? "hold" : "load_mission" });
-    this.told(shown, await this.connection.post("/drive_there", { boat, mission, leave }));
+    this.told(shown, await this.connection.give("/drive_there", { boat, mission, leave }));
   }
 
   begin(body) {
@@ -184,7 +186,7 @@ export class OrderDesk {
     if (state === "sending" && unsent) return [`${what}: NOT SENT yet (try ${tries}).`, why];
     if (state === "sending") return [`${what}: sent, no answer yet${tries > 1 ? ` (try ${tries})` : ""}.`, why ?? ""];
     if (state === "not_sent") return [`${what}: NOT SENT.`, why];
-    if (state === "no_answer") return [`${what}: NO ANSWER after ${tries} tries.`, why];
+    if (state === "no_answer") return [`${what}: NO ANSWER after ${tries} ${tries === 1 ? "try" : "tries"}.`, why];
     const status = { done: "done", waiting: "accepted, waits", refused: "REFUSED" }[outcome.status] ?? outcome.status;
     const mode = outcome.mode ? ` Mode ${outcome.mode}${outcome.why ? `: ${outcome.why}` : ""}.` : "";
     return [`${what}: ${status}, answered in ${figure(after_ms, 0, "ms")}.`, `“${outcome.text}”${mode}${why ? ` ${why}` : ""}`];
@@ -211,8 +213,9 @@ export class OrderDesk {
     if (boat !== chosen || !told || told.run !== outcome.run || told.t_ns < outcome.t_ns) return "";
     const still = (pulses) => pulses.every((p) => p === NEUTRAL_US || p === 0);
     if (!still(told.pwm_us)) return "Now other pulses than neutral are sent.";
-    if (told.output_us && !still(told.output_us)) return "Neutral is sent; the autopilot's outputs are NOT neutral.";
-    return told.output_us ? "Neutral is sent, and the autopilot's outputs are neutral." : "Neutral is sent.";
+    if (told.sent === false) return "Neutral is NOT sent: no port to the autopilot is open. It stops by its own time limit.";
+    if (!told.output_us) return "Neutral is sent; the autopilot does not say what its outputs are.";
+    return still(told.output_us) ? "Neutral is sent, and the autopilot's outputs are neutral." : "Neutral is sent; the autopilot's outputs are NOT neutral.";
   }
 
   /** The list, the newest first. Called again and again: the ages go on. */

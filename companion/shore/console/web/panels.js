@@ -4,6 +4,7 @@ import { fresh, geodetic, placed, sigma } from "./shapes.js";
 import { age, clock, figure, heading, modeWords } from "./words.js";
 
 const SHOWN_ALERTS = 60;
+const BATTERY_OLD_S = 10; // the autopilot reports it each second
 
 /** An element with a class and a text. */
 export function make(tag, className = "", text = "") {
@@ -37,6 +38,7 @@ const SI = { speed: { factor: 1, unit: "m/s", digits: 2 }, rate: { factor: 1, un
 export function showFigures(element, { state, about, reference, battery, thrusters, path }, { speed, rate } = SI) {
   const health = { healthy: "ok", degraded: "warning", lost: "error" }[state?.health] ?? "warning";
   const total = path?.waypoints?.length;
+  const old = battery?.age_s > BATTERY_OLD_S ? `, ${age(battery.age_s)} ago` : "";
   const [latitude, longitude] = (placed(state) && geodetic(about, [state.north_m, state.east_m])) ?? [null, null];
   fill(element, [
     ["North", figure(placed(state)?.north_m, 2, "m")],
@@ -50,8 +52,8 @@ export function showFigures(element, { state, about, reference, battery, thruste
     ["Position ±", figure(placed(state) && sigma(state.covariance), 2, "m")],
     ["Estimate", state ? state.health + (state.reason ? `: ${state.reason}` : "") : "not reported", state && health],
     ["Waypoints", total ? `${reference?.waypoints_passed ?? 0} of ${total}` : figure(null)],
-    ["Battery", figure(battery?.voltage_v, 1, "V")],
-    ["Charge", figure(battery?.remaining_percent, 0, "%")],
+    ["Battery", figure(battery?.voltage_v, 1, "V") + old, old && "warning"],
+    ["Charge", figure(battery?.remaining_percent, 0, "%") + old, old && "warning"],
     ["Commands from", thrusters ? thrusters.source.replace("_", " ") : figure(null), thrusters && thrusters.reason && thrusters.source !== "neutral" ? "warning" : ""],
   ]);
 }
@@ -75,7 +77,7 @@ export function showThrusters(element, { about, thrusters }) {
     fill.style.left = `${share < 0 ? 50 * (1 + share) : 50}%`;
     fill.classList.toggle("astern", share < 0);
     const given = thrusters?.output_us?.[k];
-    const pulse = thrusters ? `${thrusters.pwm_us[k]} µs sent${given == null ? "" : `, ${given} given`}` : "";
+    const pulse = thrusters ? `${thrusters.pwm_us[k]} µs ${thrusters.sent === false ? "NOT sent" : "sent"}${given == null ? "" : `, ${given} given`}` : "";
     [thruster.name, null, figure(force, 1, "N"), pulse].forEach((text, i) => {
       if (text !== null && item.children[i].textContent !== text) item.children[i].textContent = text;
     });

@@ -49,6 +49,16 @@ def test_a_disk_error_is_told_counted_and_survived(tmp_path, step_clock, monkeyp
     assert [index for index in ticks(LogFile(path)) if index != 1] == [0, 2]
 
 
+def test_every_outage_is_said_and_that_it_is_over():
+    """A problem that comes and goes within 10 s is one."""
+    alerts, said = recorder_module.RecordingAlerts(), []
+    for t_s in range(200):
+        full, slow = 10 <= t_s < 20 or 60 <= t_s < 120, 150 <= t_s < 180 and t_s % 5 == 0
+        if alert := alerts.step("disk full" if full else "disk slow" if slow else None, t_s * 10**9):
+            said.append((t_s, alert.level))
+    assert said == [(10, "error"), (29, "info"), (60, "error"), (129, "info"), (150, "error"), (185, "info")]
+
+
 def test_a_disk_that_never_comes_back_costs_no_memory_and_leaves_no_stubs(tmp_path, step_clock, monkeypatch):
     monkeypatch.setattr(recorder_module, "MAX_QUEUED", 50)
     path = tmp_path / "gone.mcap"

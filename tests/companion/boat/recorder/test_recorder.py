@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from companion.core.messages import Battery, OperatorCommand, Tick
 from companion.logs.log_file import LogFile
 from companion.logs.metadata import log_metadata
-from companion.logs.part import log_parts
+from companion.logs.part import log_parts, part_path
 from companion.logs.recover import recover
 from companion.logs.schema import RawBytes
 from companion.python_child import python
@@ -148,6 +148,9 @@ def test_a_log_is_never_overwritten_and_a_missing_folder_is_an_error(tmp_path, s
         make(tmp_path / "log.mcap", step_clock)
     with pytest.raises(FileNotFoundError):
         make(tmp_path / "absent" / "log.mcap", step_clock)
+    part_path(tmp_path / "other.mcap", 1).touch()
+    with pytest.raises(FileExistsError, match="older log"):  # it would be in the way at the first rotation
+        make(tmp_path / "other.mcap", step_clock)
 
 
 def test_closing_twice_is_fine_and_what_comes_after_is_counted(tmp_path, step_clock):

@@ -186,6 +186,25 @@ def test_runs_that_a_sender_heard_under_this_name_are_told_to_the_boat():
     assert met == [("run", "by anna, on shore"), ("other", "by anna, on shore")]
 
 
+def test_missions_that_no_parser_bears_do_not_shut_the_door():
+    """An integer of 5000 digits is a ValueError of Python's own: each such order waited for ever."""
+    desk, anna = Desk(), sender()
+    file = MissionFile(name="m.toml", text=f"x = {'9' * 5000}")
+    queries = [*(Query(*anna.order("load_mission", file)) for _ in range(PENDING + 1)), Query(*anna.order("hold"))]
+
+    async def play():
+        ear = ShoreCommands(desk.app, setup().pilot, OrderGate("b", "run", KEY), BoatClock(), desk.alerts.append)
+        for query in queries:
+            ear(query)
+            await asyncio.to_thread(query.dropped.wait, 5)
+        await asyncio.sleep(0.05)
+        ear.close()
+        assert not ear.refused["busy"]
+
+    asyncio.run(play())
+    assert [c.command for c in desk.app.given] == ["hold"]
+
+
 def test_a_busy_loop_is_not_flooded_and_a_stop_still_comes_through():
     """The loop is held up while many believed orders come: only some are kept, and the stop is one of them."""
     desk, anna = Desk(), sender()

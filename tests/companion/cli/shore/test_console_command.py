@@ -1,8 +1,13 @@
 """The command line of the console: bad input, ports, keys, names."""
 
+import socket
+from types import SimpleNamespace
+
+import psutil
 import pytest
 
 from companion.__main__ import main
+from companion.cli.shore import console
 from companion.cli.shore.key_files import KeyFiles
 from companion.cli.shore.network_options import default_name
 from companion.core.configuration.tables import ConfigError
@@ -26,9 +31,16 @@ def test_bad_input_is_named(arguments, says, capsys):
     assert says in capsys.readouterr().err
 
 
-def test_a_taken_port_is_an_error_that_says_so(capsys):
-    import socket
+def test_from_the_network_every_address_of_this_machine_is_printed(monkeypatch):
+    """Debian and Ubuntu name themselves 127.0.1.1 in /etc/hosts: a phone needs the address of the network's card."""
+    card = SimpleNamespace(family=socket.AF_INET, address="192.0.2.7")
+    monkeypatch.setattr(psutil, "net_if_addrs", lambda: {"wlan0": [card]})
+    monkeypatch.setattr(socket, "gethostname", lambda: "no-such-name.invalid")
+    told = console.addresses("0.0.0.0", 8470, "sesame-123")
+    assert any("http://192.0.2.7:8470/?token=sesame-123" in line for line in told)
 
+
+def test_a_taken_port_is_an_error_that_says_so(capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         assert main(["shore", "--port", str(taken.getsockname()[1]), "--listen", "tcp/127.0.0.1:0"]) == 2
     assert "another --port?" in capsys.readouterr().err

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import msgspec
+import numpy as np
 import pytest
 
 from companion.core import messages as m
+from companion.core.geometry.frames import rotate
 from companion.core.pilot.monitors.battery import BatteryState
+from companion.core.pilot.pilot import Pilot
 from tests.companion.core.pilot.pilot_shell import (
     INF,
     NAN,
@@ -185,6 +190,25 @@ def test_hold_keeps_station_where_the_boat_is():
     away = math.hypot(reference.north_ref_m - estimate.north_m, reference.east_ref_m - estimate.east_m)
     braking_m = (estimate.u_m_s**2 + estimate.v_m_s**2) / (2 * setup().pilot.guidance.limits.deceleration_m_s2)
     assert reference.phase == "station" and away == pytest.approx(braking_m)
+
+
+def test_a_boat_that_brakes_towards_a_fence_holds_where_it_is():
+    """Gentle braking would end nearer to the fence than the controller's margin."""
+    shell, here = on_the_leg(), setup().pilot
+    going(shell)
+    at, margin_m = shell.state.estimate, here.nmpc.fence_margin_m
+    U, course = math.hypot(at.u_m_s, at.v_m_s), at.psi_rad + math.atan2(at.v_m_s, at.u_m_s)
+    braking_m = U**2 / (2 * here.guidance.limits.deceleration_m_s2)
+    sides = ((margin_m + braking_m / 2, 5.0), (margin_m + braking_m / 2, -5.0), (-40.0, -5.0), (-40.0, 5.0))
+    fence = [np.add((at.north_m, at.east_m), rotate(course, *side)) for side in sides]
+    site = msgspec.structs.replace(here.site, fence=tuple((float(n), float(e)) for n, e in fence))
+    near = Pilot(replace(here, site=site))
+    state, _ = near.step(shell.state, [operator("hold")], shell.t_ns)
+    t_ns = shell.t_ns + 100_000_000
+    _, outputs = near.step(state, [m.Tick(t_ns=t_ns, index=shell.index + 1)], t_ns)
+    (reference,) = [o for o in outputs if isinstance(o, m.GuidanceReference)]
+    assert reference.phase == "station" and braking_m > 0.1
+    assert math.dist((reference.north_ref_m, reference.east_ref_m), (at.north_m, at.east_m)) < 0.1
 
 
 def test_without_an_estimate_nothing_is_asked_for():

@@ -1,0 +1,65 @@
+"""The console's page where the network, the console or the autopilot is lost: what it says, and gives again."""
+
+import pytest
+
+from tests.support.console_fixture import Page
+
+pytestmark = pytest.mark.alone
+
+
+def test_a_stop_that_the_network_swallows_is_given_again(console, boat, browser):
+    """A phone out of range: no refusal comes back, no answer either."""
+    page = Page(browser, console)
+    page.wait("!document.querySelector('#hold').disabled")
+    swallowed = []
+    page.page.route("**/stop", lambda route: swallowed.append(route.request))
+    page.page.keyboard.press("F9")
+    page.wait("document.querySelector('#answers li')?.innerText.includes('no answer yet (try 2)')")
+    assert "Trying again" in page.text("#answers li") and len(swallowed) >= 2 and not boat.obeyed
+    page.page.unroute("**/stop")
+    page.wait("document.querySelector('#answers li')?.dataset.kind === 'done'")
+    assert set(boat.obeyed) == {"stop"}
+    assert page.unexpected() == []
+    page.context.close()
+
+
+def test_another_order_that_the_network_swallows_says_that_no_answer_came(console, boat, browser):
+    page = Page(browser, console)
+    page.wait("!document.querySelector('#hold').disabled")
+    bodies = []
+    page.page.route("**/order", lambda route: bodies.append(route.request.post_data_json))
+    page.page.click("#hold")
+    page.page.click("#question .yes")
+    page.wait("document.querySelector('#answers li')?.dataset.state === 'no_answer'")
+    assert "NO ANSWER" in page.text("#answers li") and not boat.obeyed
+    ago_ms = page.page.evaluate("(given_ms) => aritra.connection.console_ms() - given_ms", bodies[0]["given_ms"])
+    assert 9e3 < ago_ms < 60e3, "the console can tell how old it is"
+    page.context.close()
+
+
+def test_what_a_stop_came_to_is_said_only_of_what_is_known(console, browser):
+    """Rows: pulses sent, whether they were, what the autopilot says that it gives."""
+    still, moving = [1500] * 4, [1700, 1500, 1500, 1500]
+    said = Page(browser, console).page.evaluate(
+        """async (rows) => { const { OrderDesk } = await import('/web/orders.js');
+        return rows.map(([pwm_us, sent, output_us]) => OrderDesk.prototype.neutral.call(
+          { boats: () => ({ chosen: 'one', view: { thrusters: { run: 'r', t_ns: 2, pwm_us, sent, output_us } } }) },
+          { boat: 'one', command: 'stop', state: 'answered', outcome: { run: 'r', t_ns: 1, status: 'done' } })); }""",
+        [[still, True, still], [still, None, still], [still, True, moving], [still, True, None], [still, False, None],
+         [moving, True, still]],
+    )  # fmt: skip
+    assert said[0] == said[1] == "Neutral is sent, and the autopilot's outputs are neutral."
+    for words, expected in zip(said[2:], ("NOT neutral", "does not say", "NOT sent", "other pulses"), strict=True):
+        assert expected in words
+
+
+def test_frames_that_come_late_make_the_boats_word_look_old(console, browser):
+    """Ages are judged by the least delayed frames: those that were queued for 3 s must not look fresh."""
+    age_s = Page(browser, console).page.evaluate(
+        """async () => { const { Connection } = await import('/web/connection.js');
+        const line = new Connection({}), at = performance.now();
+        line.socket.close(); clearInterval(line.watch); line.socket = null;
+        for (const late_ms of [10, 3000, 3000]) line.hear({ type: 'samples', now_ms: at + 5e6 - late_ms });
+        return (line.console_ms() - (performance.now() + 5e6)) / 1000; }"""
+    )
+    assert age_s == pytest.approx(0.0, abs=0.2)

@@ -29,14 +29,17 @@ def site_in(log: LogFile) -> Site | None:
         return None
 
 
-def thrusters_in(log: LogFile) -> tuple[str, ...]:
-    """Names of thrusters, then of servos, in the log's vessel file of whatever version; empty without a file."""
+def channels_in(log: LogFile) -> dict[str, int]:
+    """RC channel (0: not stated) by name of thruster, then of servo, in the log's vessel file of whatever version.
+
+    Empty without a file.
+    """
     try:
         thrusters = tomllib.loads(log.metadata["config/vessel.toml"])["thrusters"]
         servos = [t[key] for t in thrusters for key in ("steering", "rudder") if key in t]
-        return tuple(str(one["name"]) for one in (*thrusters, *servos))
-    except (KeyError, TypeError, tomllib.TOMLDecodeError):
-        return ()
+        return {str(one["name"]): int(one.get("channel", 0)) for one in (*thrusters, *servos)}
+    except (KeyError, TypeError, ValueError):  # a TOMLDecodeError is a ValueError
+        return {}
 
 
 def zero_ns_of(log: LogFile) -> int:

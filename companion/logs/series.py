@@ -31,7 +31,7 @@ from companion.core.messages import (
 from companion.core.messages.sensors import GnssFix
 from companion.core.sensors.gnss import GnssReceiver
 from companion.core.sensors.table import origin_of
-from companion.logs.configuration import site_in, thrusters_in
+from companion.logs.configuration import channels_in, site_in
 from companion.logs.log_file import LogFile
 
 MAX_FIXES = 600  # fixes from ranges in one picture: more would only cost time
@@ -112,7 +112,7 @@ def collect(log: LogFile, truth: LogFile | None = None) -> Series:
     for message in truth.messages(GroundTruth) if truth else ():
         if zero_ns <= message.t_ns <= last_ns:
             _add(rows, message)
-    return _arrays(rows, zero_ns, last_ns, site, thrusters_in(log))
+    return _arrays(rows, zero_ns, last_ns, site, tuple(channels_in(log)))
 
 
 def _add(rows: _Rows, message: Message) -> None:

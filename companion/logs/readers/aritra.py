@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ from companion.core.messages import (
 )
 from companion.core.model.load_vessel import load_vessel
 from companion.core.sensors.table import sensors_of
+from companion.logs.configuration import channels_in
 from companion.logs.log_file import LogFile, open_truth
 from companion.logs.readers.channels import channel_streams
 from companion.logs.readers.join import Stream, join
@@ -56,20 +57,24 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     """
     # 1. Messages by type, and damage of the file.
     log = LogFile(path)
+    if vessel:
+        _same_boat(log, vessel)
     vessel, site = vessel or _vessel(log), site or _site(log)
     found: dict[type[Message], list[Any]] = defaultdict(list)
     for message in log.messages(*_WANTED):
         row = _ROWS.get(type(message))
         found[type(message)].append(row(message) if row else message)
     notes = [LogProblem(kind="damaged", text=text) for text in log.damage]
+    forces_of = channels_in(log)
     if truth:
         simulator = open_truth(truth)
+        forces_of = channels_in(simulator) or forces_of
         found[GroundTruth] = list(simulator.messages(GroundTruth))
         notes += [LogProblem(kind="damaged", text=text) for text in simulator.damage]
     if not found[OverrideLease]:
         raise RunError(f"{path}: no thruster commands (/override_lease) in it")
     # 2. A stream for each sensor, the commands and the truth.
-    names = thruster_names(vessel, found[OverrideLease])
+    channels = channels_of(vessel, found[OverrideLease])
     down_m = vessel.sensors.position.z_m if vessel else 0.0
     tag, places = uwb_streams([*found[UwbRanges], *found[UwbPosition]], site, down_m)
     others, sources = channel_streams(sensors_of(vessel.sensors, site) if vessel and site else (), found)
@@ -79,10 +84,10 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     last_ns = max((int(s.t_ns[-1]) for s in (*streams, *tag, *others) if len(s.t_ns)), default=0)
     link_ns = _link_ns(log)
     streams += [
-        _commands(found[OverrideLease], names, last_ns, link_ns),
+        _commands(found[OverrideLease], channels, last_ns, link_ns),
         *tag,
         *others,
-        _truth(found[GroundTruth], names),
+        _truth(found[GroundTruth], tuple(channels), tuple(forces_of or channels)),
     ]
     # 3. Joined into one run.
     parameters = {m.name: m.value for m in found[ParamValue]}
@@ -100,7 +105,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
         **meta_fields(vessel, site),
     )
     run = join(streams, meta)
-    return run.with_notes(_disobeyed(found[OverrideLease], found[ServoOutput], len(names), run.meta.zero_ns))
+    return run.with_notes(_disobeyed(found[OverrideLease], found[ServoOutput], len(channels), run.meta.zero_ns))
 
 
 def meta_fields(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:
@@ -116,12 +121,25 @@ def meta_fields(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:
     return fields
 
 
-def thruster_names(vessel: VesselFile | None, leases: list[OverrideLease]) -> tuple[str, ...]:
-    """Names of thrusters and servos by the vessel file; without one ch<channel>, as many as the leases have forces."""
+def _same_boat(log: LogFile, vessel: VesselFile) -> None:
+    """Raise RunError where the vessel file in the log has other thrusters and servos, or the same on other channels."""
+    own, given = channels_in(log), channels_of(vessel, [])
+    if own and all(own.values()) and own != given:
+        logged, said = (", ".join(f"{name} on channel {n}" for name, n in x.items()) for x in (own, given))
+        raise RunError(
+            f"{log.path}: the vessel file in it ({log.metadata.get('vessel', 'no name')}) has {logged}, that of "
+            f"{vessel.name} {said}: another boat's log, or another boat's vessel file; without one the log's own counts"
+        )
+
+
+def channels_of(vessel: VesselFile | None, leases: list[OverrideLease]) -> dict[str, int]:
+    """RC channel by name of thruster, then of servo, in the vessel file's order; without one by ch<channel>, as many as
+    the leases have forces.
+    """
     if vessel:
-        return tuple(control.name for control in vessel.controls)
+        return {control.name: control.channel for control in vessel.controls}
     widest = max(leases, key=lambda lease: len(lease.f_command_n))
-    return tuple(f"ch{channel}" for channel in widest.channels[: len(widest.f_command_n) or None])
+    return {f"ch{channel}": channel for channel in widest.channels[: len(widest.f_command_n) or None]}
 
 
 def attitude_row(a: Attitude) -> tuple[float, ...]:
@@ -167,31 +185,32 @@ _ROWS: dict[type[Message], Callable[[Any], tuple[Any, ...]]] = {
 """Row kept of the most frequent messages: tuples of numbers, which the garbage collector does not track."""
 
 
-def _commands(leases: list[OverrideLease], names: tuple[str, ...], last_ns: int, link_ns: int) -> Stream:
+def _commands(leases: list[OverrideLease], channels: Mapping[str, int], last_ns: int, link_ns: int) -> Stream:
     """Leases as they reach the output, `link_ns` later, and neutral from where one expired.
 
-    `last_ns`: stamp of the last sample of the log.
+    `channels`: RC channel by name; `last_ns`: stamp of the last sample of the log.
     """
     rows: list[tuple[float, ...]] = []
     end_ns: int | None = None
     for lease in leases:
         t_ns = lease.t_ns + link_ns
         if end_ns is not None and t_ns > end_ns:
-            rows.append((end_ns, *(float(NEUTRAL_US) for _ in names)))
-        pwm_us = lease.pwm_us[: len(names)]
-        rows.append((t_ns, *pwm_us, *(np.nan for _ in range(len(names) - len(pwm_us)))))
+            rows.append((end_ns, *(float(NEUTRAL_US) for _ in channels)))
+        pwm_us = dict(zip(lease.channels, lease.pwm_us, strict=False))
+        rows.append((t_ns, *(pwm_us.get(channel, np.nan) for channel in channels.values())))
         end_ns = t_ns + round(lease.valid_for_s * 1e9)
     if end_ns is not None and end_ns <= last_ns:
-        rows.append((end_ns, *(float(NEUTRAL_US) for _ in names)))
-    return Stream.of("commands", [f"pwm_{name}" for name in names], rows, held=True)
+        rows.append((end_ns, *(float(NEUTRAL_US) for _ in channels)))
+    return Stream.of("commands", [f"pwm_{name}" for name in channels], rows, held=True)
 
 
-def _truth(truths: list[GroundTruth], names: tuple[str, ...]) -> Stream:
-    """Stream of the true motion and thruster forces."""
+def _truth(truths: list[GroundTruth], names: tuple[str, ...], forces_of: tuple[str, ...]) -> Stream:
+    """Stream of the true motion and thruster forces, which the simulator logs in the order of `forces_of`."""
     rows = []
     for m in truths:
-        forces = m.f_n if len(m.f_n) == len(names) else (np.nan,) * len(names)
-        rows.append((m.t_ns, m.north_m, m.east_m, wrapped(np.array(m.psi_rad)), m.u_m_s, m.v_m_s, m.r_rad_s, *forces))
+        forces = dict(zip(forces_of, m.f_n, strict=True)) if len(m.f_n) == len(forces_of) else {}
+        motion = (m.north_m, m.east_m, wrapped(np.array(m.psi_rad)), m.u_m_s, m.v_m_s, m.r_rad_s)
+        rows.append((m.t_ns, *motion, *(forces.get(name, np.nan) for name in names)))
     columns = [f"true_{name}" for name in _TRUTH] + [f"true_f_{name}_n" for name in names]
     return Stream.of("truth", columns, rows, outside=True)
 

@@ -14,6 +14,7 @@ from companion.logs.readers.uwb import read_uwb
 from companion.logs.runs.problems import grouped, problems
 from companion.logs.runs.run import Run, RunError
 from tests.companion.logs.readers.run_logs import WALL_OFFSET_NS, record, simulated
+from tests.support.vessel_fixtures import boat
 
 THRUSTERS = ("front_port", "front_starboard", "rear_port", "rear_starboard")
 
@@ -105,6 +106,25 @@ def test_truth_in_the_log_or_beside_it(run: Run, tmp_path):
 def test_a_simulated_run_has_no_problem(run: Run):
     """The tag's first range and the pilot's first thrust come within the 5 s from which on silence is one."""
     assert not problems(run)
+
+
+def test_a_vessel_file_in_another_order_gives_every_thruster_its_own_pulses_and_forces(run: Run, log: Path):
+    aritra = boat("aritra")
+    turned = read_run(log, ReadOptions(vessel=replace(aritra, thrusters=aritra.thrusters[::-1])))
+    assert turned.thrusters == THRUSTERS[::-1]
+    assert turned.table.select(run.table.columns).equals(run.table)
+    assert turned.meta.notes == ()
+
+
+def test_another_boats_vessel_file_is_refused_with_both_wirings(log: Path):
+    aritra, port = boat("aritra"), "front_port on channel 9"
+    moved = (replace(aritra.thrusters[0], channel=13), *aritra.thrusters[1:])
+    for other, said in (
+        (boat("twin"), "that of twin port on channel 9, starboard on channel 10: another boat's log"),
+        (replace(aritra, thrusters=moved), "that of aritra front_port on channel 13, .*another boat's vessel file"),
+    ):
+        with pytest.raises(RunError, match=rf"drive\.mcap: the vessel file in it \(aritra\) has {port}, .*{said}"):
+            read_run(log, ReadOptions(vessel=other))
 
 
 def test_a_lease_that_ran_out_is_followed_by_neutral(tmp_path):

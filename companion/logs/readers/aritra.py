@@ -11,7 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -47,6 +47,7 @@ OBEY_S = 0.6
 """An output follows a lease within this: 0.5 s of override timeout, and the latency of its telemetry (observed)."""
 OBEY_US = 10.0  # assumed
 _TRUTH = ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s")
+Configuration = TypeVar("Configuration")
 _WANTED = (*MEASUREMENTS, Battery, OverrideLease, ParamValue, ServoOutput, GroundTruth)
 
 
@@ -59,12 +60,17 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     log = LogFile(path)
     if vessel:
         _same_boat(log, vessel)
-    vessel, site = vessel or _vessel(log), site or _site(log)
+    notes: list[LogProblem] = []
+    vessel = vessel or _own(log, "vessel.toml", load_vessel, notes, "thrusters are named by their RC channels")
+    site = site or _site(log)
+    late = "commands count from when they were given, not control.latency_s later"
+    own_run = _own(log, "run.toml", load_run, notes, late)
+    link_ns = round(own_run.control.latency_s * 1e9) if own_run else 0
     found: dict[type[Message], list[Any]] = defaultdict(list)
     for message in log.messages(*_WANTED):
         row = _ROWS.get(type(message))
         found[type(message)].append(row(message) if row else message)
-    notes = [LogProblem(kind="damaged", text=text) for text in log.damage]
+    notes += [LogProblem(kind="damaged", text=text) for text in log.damage]
     forces_of = channels_in(log)
     if truth:
         simulator = open_truth(truth)
@@ -82,7 +88,6 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     streams = [_imu(found[ImuSample], notes), attitude_stream(found[Attitude], site)]
     streams.append(Stream.of("battery", ("battery_v",), found[Battery], held=True))
     last_ns = max((int(s.t_ns[-1]) for s in (*streams, *tag, *others) if len(s.t_ns)), default=0)
-    link_ns = _link_ns(log)
     streams += [
         _commands(found[OverrideLease], channels, last_ns, link_ns),
         *tag,
@@ -236,24 +241,26 @@ def _disobeyed(leases: list[OverrideLease], outputs: list[ServoOutput], n: int, 
     return [LogProblem(kind="not obeyed", text=text, t_s=a, length_s=b - a) for a, b in stretches if b - a >= OBEY_S]
 
 
-def _link_ns(log: LogFile) -> int:
-    """Latency from an override to the autopilot's output [ns], by the run file in the log; 0 without one."""
+def _own(
+    log: LogFile, name: str, load: Callable[..., Configuration], notes: list[LogProblem], effect: str
+) -> Configuration | None:
+    """A configuration file in the log; None without one, or with a note of the `effect` where refused."""
     try:
-        run = load_run(log.metadata["config/run.toml"], name=f"{log.path}: run.toml")
-    except (KeyError, ConfigError):
-        return 0
-    return round(run.control.latency_s * 1e9)
-
-
-def _vessel(log: LogFile) -> VesselFile | None:
-    try:
-        return load_vessel(log.metadata["config/vessel.toml"], name=f"{log.path}: vessel.toml")
-    except (KeyError, ConfigError):
+        return load(log.metadata[f"config/{name}"], name=f"{log.path}: {name}")
+    except KeyError:
+        return None
+    except ConfigError as error:
+        notes.append(LogProblem(kind="configuration", text=f"{error}; {effect}"))
         return None
 
 
 def _site(log: LogFile) -> Site | None:
+    """The site file in the log, if there is one. RunError where this version refuses it: positions and headings would
+    be in other axes.
+    """
     try:
         return load_site(log.metadata["config/site.toml"], name=f"{log.path}: site.toml")
-    except (KeyError, ConfigError):
+    except KeyError:
         return None
+    except ConfigError as error:
+        raise RunError(f"{error}; give a site file that this version reads (--site)") from None

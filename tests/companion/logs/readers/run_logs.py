@@ -1,6 +1,7 @@
 """Logs for the tests of runs: a stepped simulation on disk, a clean synthetic run, dataflash and telemetry bytes."""
 
 import struct
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -40,10 +41,14 @@ def simulated(seconds: float = 15.0, seed: int = 3) -> tuple[Message, ...]:
     return tuple(run.messages)
 
 
-def record(path: Path, messages, *, files: bool = True) -> Path:
-    """Write messages as `aritra run` does, with (or without) the configuration in the metadata."""
+def record(path: Path, messages, *, files: bool = True, **changed: Callable[[str], str]) -> Path:
+    """Write messages as `aritra run` does, with (or without) the configuration in the metadata.
+
+    `changed`: what becomes of the text of a file, by its name without ending.
+    """
     setup = load_setup(EXAMPLES / "aritra.toml")
-    metadata = log_metadata(setup.pilot.vessel.name, setup.files if files else {})
+    texts = {name: changed.get(Path(name).stem, str)(text) for name, text in setup.files.items()} if files else {}
+    metadata = log_metadata(setup.pilot.vessel.name, texts)
     last = max((m.t_ns for m in messages), default=0)
     with Recorder(path, metadata, lambda: last, wall_offset_ns=WALL_OFFSET_NS, background=False) as recorder:
         for message in messages:

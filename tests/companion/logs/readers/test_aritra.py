@@ -171,6 +171,31 @@ def test_a_log_without_files_names_thrusters_by_channel(tmp_path):
     assert told.meta.site == "basin"
 
 
+def with_a_key_of_another_version(text: str) -> str:
+    return "key_of_another_version = 1\n" + text
+
+
+def test_a_file_in_the_log_that_this_version_refuses_is_noted_with_what_it_costs(run: Run, tmp_path):
+    path = record(tmp_path / "a.mcap", simulated(), run=with_a_key_of_another_version)
+    (p,) = grouped(problems(read_run(path)))["configuration"]
+    assert "a.mcap: run.toml: key_of_another_version" in p.text and "control.latency_s" in p.text
+    path = record(tmp_path / "b.mcap", simulated(), vessel=with_a_key_of_another_version)
+    by_channel = read_run(path)
+    (p,) = grouped(problems(by_channel))["configuration"]
+    assert "b.mcap: vessel.toml: key_of_another_version" in p.text and "RC channels" in p.text
+    assert by_channel.thrusters == ("ch9", "ch10", "ch11", "ch12")
+    beside = read_run(path, ReadOptions(vessel=boat("aritra")))
+    assert beside.meta.notes == () and beside.table.equals(run.table)
+
+
+def test_a_site_file_in_the_log_that_this_version_refuses_needs_another(run: Run, tmp_path):
+    path = record(tmp_path / "a.mcap", simulated(), site=with_a_key_of_another_version)
+    with pytest.raises(RunError, match=r"a\.mcap: site\.toml: key_of_another_version.*--site"):
+        read_run(path)
+    site = load_setup(EXAMPLES / "aritra.toml").pilot.site
+    assert read_run(path, ReadOptions(site=site)).table.equals(run.table)
+
+
 def test_damage_is_told(log: Path, tmp_path):
     path = tmp_path / "cut.mcap"
     path.write_bytes(log.read_bytes()[:-60_000])

@@ -8,13 +8,14 @@ from companion.boat.load_run import RunSetup, setup_of
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError
 from companion.logs.log_file import LogError, LogFile
+from companion.logs.metadata import files_in
 
 CONFIGURATION = ("run.toml", "vessel.toml", "site.toml", "mission.")
 
 
 def setup_in(log: LogFile) -> RunSetup:
     """The run's complete configuration. Raises LogError where the log does not hold all of it, ConfigError."""
-    texts = {k.removeprefix("config/"): v for k, v in log.metadata.items() if k.startswith("config/")}
+    texts = files_in(log.metadata)
     missing = [name for name in CONFIGURATION if not any(text.startswith(name) for text in texts)]
     if missing:
         raise LogError(f"{log.path}: holds no configuration ({', '.join(missing)}): not a log of `aritra run`")

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
-from mcap.records import Attachment, Channel, Metadata, Schema
+from mcap.records import Attachment, Channel
 from mcap.records import Message as MessageRecord
 
 from companion.core.messages import GroundTruth, Message
 from companion.logs.part import log_parts
-from companion.logs.part_reader import LogError, Part
+from companion.logs.part_reader import LogError, Part, head_of
 from companion.logs.schema import KINDS, METADATA_NAME, RAW_PREFIX, VIEWER_PREFIX, RawBytes
 
 _DECODERS = {kind: msgspec.json.Decoder(kind) for kind in (*KINDS.values(), RawBytes)}
@@ -43,7 +43,7 @@ def open_truth(path: Path) -> LogFile:
 
 
 class LogFile:
-    """A log to read. Raises LogError (with the path) where there is no log to read at all."""
+    """A log to read. Raises LogError (with the path) where there is no log to read at all, in none of its parts."""
 
     def __init__(self, path: Path):
         if not path.is_file():
@@ -55,7 +55,11 @@ class LogFile:
         self.undecodable: Counter[str] = Counter()
         self.metadata: dict[str, str] = {}
         self.attachments: dict[str, bytes] = {}
-        self._read_head()
+        for record in head_of(self.paths):
+            if isinstance(record, Attachment):
+                self.attachments[record.name] = record.data
+            elif record.name == METADATA_NAME:
+                self.metadata = record.metadata
 
     @property
     def wall_offset_ns(self) -> int:
@@ -117,13 +121,3 @@ class LogFile:
                 yield LogEntry(topic, record.log_time, record.publish_time, record.sequence, record.data)
             elif isinstance(record, Channel):
                 topics[record.id] = record.topic
-
-    def _read_head(self) -> None:
-        """Metadata and attachments of the first part; they stand before its first message."""
-        for record in Part(self.path).records():
-            if isinstance(record, Metadata) and record.name == METADATA_NAME:
-                self.metadata.update(record.metadata)
-            elif isinstance(record, Attachment):
-                self.attachments[record.name] = record.data
-            elif isinstance(record, MessageRecord | Channel | Schema):
-                return

@@ -12,16 +12,25 @@ from pathlib import Path
 
 def log_metadata(vessel: str, files: Mapping[str, str]) -> dict[str, str]:
     """Metadata of a log: vessel, configuration (text and SHA-256), versions. `files`: name -> text."""
-    text = "".join(files[name] for name in sorted(files))
     return {
         "vessel": vessel,
-        "config_sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "config_sha256": config_sha256(files),
         **{f"config/{name}": content for name, content in files.items()},
         "version": version("aritra"),
         "git_revision": _git_revision(),
         "python": platform.python_version(),
         "machine": platform.platform(),
     }
+
+
+def config_sha256(files: Mapping[str, str]) -> str:
+    """SHA-256 of the texts, in the order of their names."""
+    return hashlib.sha256("".join(files[name] for name in sorted(files)).encode()).hexdigest()
+
+
+def files_in(metadata: Mapping[str, str]) -> dict[str, str]:
+    """The configuration files of a log's metadata: name -> text."""
+    return {key.removeprefix("config/"): text for key, text in metadata.items() if key.startswith("config/")}
 
 
 def _git_revision() -> str:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import mmap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from mcap.records import Channel, McapRecord, Schema
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
+from companion.logs.metadata import config_sha256, files_in
 from companion.logs.records import Found, Records
 
 
@@ -70,6 +71,38 @@ class Part:
     def _open(self) -> Iterator[Records]:
         with self.path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             yield Records(data)
+
+
+def head_of(paths: Sequence[Path]) -> list[Metadata | Attachment]:
+    """Metadata and attachments of a log of these parts, all of which repeat them before their first message: each from
+    the first part in which it can be read, and in which the configuration has the SHA-256 that it states, if any has.
+
+    Raises LogError, that of the first part, where no part can be read.
+    """
+    found: dict[tuple[type, str], Metadata | Attachment] = {}
+    errors: list[LogError] = []
+    for path in paths:
+        try:
+            part = Part(path)
+        except LogError as error:
+            errors.append(error)
+            continue
+        for record in part.records():
+            if isinstance(record, Message | Channel | Schema):
+                break
+            if isinstance(record, Metadata | Attachment):
+                key = type(record), record.name
+                if key not in found or (_sound(record) and not _sound(found[key])):
+                    found[key] = record
+    if len(errors) == len(paths):
+        raise errors[0]
+    return list(found.values())
+
+
+def _sound(record: Metadata | Attachment) -> bool:
+    """Whether a configuration is the one whose SHA-256 stands beside it; of what has none nothing is known."""
+    values = record.metadata if isinstance(record, Metadata) else {}
+    return values.get("config_sha256") in (None, config_sha256(files_in(values)))
 
 
 def _damage(path: Path, size: int, lost: list[Found], *, closed: bool) -> str | None:

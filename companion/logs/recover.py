@@ -10,7 +10,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as MessageRecord
 
 from companion.logs.part import ChannelInfo, LogItem, LogPart, log_parts
-from companion.logs.part_reader import LogError, Part
+from companion.logs.part_reader import LogError, Part, head_of
 
 
 class RecoverReport(msgspec.Struct, kw_only=True):
@@ -34,21 +34,24 @@ def recover(path: Path, out: Path | None = None) -> RecoverReport:
     """
     out = out or path.with_name(f"{path.stem}.recovered{path.suffix}")
     paths = log_parts(path) if path.is_file() else (path,)
-    first = Part(path)
+    head = head_of(paths)
     report = RecoverReport(out=str(out), parts=len(paths))
     try:
         target = LogPart(out)
     except OSError as error:
         raise LogError(f"{out}: {error.strerror}") from None
     try:
-        for number, part_path in enumerate(paths):
+        copied: set[tuple[type, str]] = set()
+        for record in head:
+            _copy_head(record, target, copied)
+        for part_path in paths:
             try:
-                part = first if number == 0 else Part(part_path)
+                part = Part(part_path)
             except LogError as error:
                 report.damage.append(str(error))
                 report.lost_bytes += part_path.stat().st_size
                 continue
-            _copy(part, target, report, head=number == 0)
+            _copy(part, target, report, copied)
         target.finish()
     except OSError as error:
         target.discard()
@@ -56,8 +59,8 @@ def recover(path: Path, out: Path | None = None) -> RecoverReport:
     return report
 
 
-def _copy(part: Part, target: LogPart, report: RecoverReport, *, head: bool) -> None:
-    """Copy the records of one part. Metadata and attachments repeat in every part: taken from the first."""
+def _copy(part: Part, target: LogPart, report: RecoverReport, copied: set[tuple[type, str]]) -> None:
+    """Copy the records of one part, without metadata and attachments that are `copied` by now."""
     schemas: dict[int, Schema] = {0: Schema(id=0, data=b"", encoding="", name="")}
     channels: dict[int, ChannelInfo] = {}
     for record in chain(part.declared(), part.records()):
@@ -74,14 +77,23 @@ def _copy(part: Part, target: LogPart, report: RecoverReport, *, head: bool) -> 
             schemas[record.id] = record
         elif isinstance(record, Channel) and record.schema_id in schemas:
             channels[record.id] = _info(record, schemas[record.schema_id])
-        elif isinstance(record, Metadata) and head:
-            target.add_metadata(record.name, record.metadata)
-        elif isinstance(record, Attachment) and head:
-            target.add_attachment(record.name, record.data, record.log_time, record.media_type)
+        elif isinstance(record, Metadata | Attachment):
+            _copy_head(record, target, copied)
     report.kept_bytes += part.kept_bytes
     report.lost_bytes += part.lost_bytes
     if part.damage:
         report.damage.append(part.damage)
+
+
+def _copy_head(record: Metadata | Attachment, target: LogPart, copied: set[tuple[type, str]]) -> None:
+    """Copy metadata or an attachment unless one of its name is `copied`: they repeat in every part."""
+    if (type(record), record.name) in copied:
+        return
+    copied.add((type(record), record.name))
+    if isinstance(record, Metadata):
+        target.add_metadata(record.name, record.metadata)
+    else:
+        target.add_attachment(record.name, record.data, record.log_time, record.media_type)
 
 
 def _info(channel: Channel, schema: Schema) -> ChannelInfo:

@@ -81,17 +81,13 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
         raise RunError(f"{path}: no thruster commands (/override_lease) in it")
     # 2. A stream for each sensor, the commands and the truth.
     channels = channels_of(vessel, found[OverrideLease])
-    down_m = vessel.sensors.position.z_m if vessel else 0.0
-    tag, places = uwb_streams([*found[UwbRanges], *found[UwbPosition]], site, down_m)
-    others, sources = channel_streams(sensors_of(vessel.sensors, site) if vessel and site else (), found)
-    places |= sources
+    aiding, places = _aiding(found, vessel, site, notes)
     streams = [_imu(found[ImuSample], notes), attitude_stream(found[Attitude], site)]
     streams.append(Stream.of("battery", ("battery_v",), found[Battery], held=True))
-    last_ns = max((int(s.t_ns[-1]) for s in (*streams, *tag, *others) if len(s.t_ns)), default=0)
+    last_ns = max((int(s.t_ns[-1]) for s in (*streams, *aiding) if len(s.t_ns)), default=0)
     streams += [
         _commands(found[OverrideLease], channels, last_ns, link_ns),
-        *tag,
-        *others,
+        *aiding,
         _truth(found[GroundTruth], tuple(channels), tuple(forces_of or channels)),
     ]
     # 3. Joined into one run.
@@ -111,6 +107,23 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     )
     run = join(streams, meta)
     return run.with_notes(_disobeyed(found[OverrideLease], found[ServoOutput], len(channels), run.meta.zero_ns))
+
+
+def _aiding(
+    found: Mapping[type[Message], list[Any]], vessel: VesselFile | None, site: Site | None, notes: list[LogProblem]
+) -> tuple[list[Stream], dict[str, str]]:
+    """Streams of what is not inertial, and the source of their columns as text.
+
+    Positions by UWB are left out, with a note, where the vessel file's sensor of positions is another that gave some.
+    """
+    down_m = vessel.sensors.position.z_m if vessel else 0.0
+    tag, places = uwb_streams([*found[UwbRanges], *found[UwbPosition]], site, down_m)
+    others, sources = channel_streams(sensors_of(vessel.sensors, site) if vessel and site else (), found)
+    if "north_m" in places and "north_m" in sources:
+        tag = [s for s in tag if "north_m" not in s.columns]
+        text = f"positions by UWB are left out: by the vessel file those of {sources['north_m']} count"
+        notes.append(LogProblem(kind="left out", text=text))
+    return [*tag, *others], places | sources
 
 
 def meta_fields(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:

@@ -50,13 +50,16 @@ class Stream:
 def join(streams: Sequence[Stream], meta: RunMeta) -> Run:
     """One run of all streams that have samples. `zero_ns` of `meta` is set, and notes are appended.
 
-    Raises RunError where nothing was commanded.
+    Raises RunError where nothing was commanded, or where two streams have the same column.
     """
     # 1. Clean streams, cut to the log proper; attitudes moved to the rows of inertial samples.
     notes: list[tuple[int, LogProblem]] = []
     kept = [cleaned for s in streams if len((cleaned := _clean(s, notes)).t_ns)]
     if not any(name.startswith("pwm_") for s in kept for name in s.columns):
         raise RunError(f"{meta.source}: no thruster commands in it")
+    for column in dict.fromkeys(name for s in kept for name in s.columns):
+        if len(names := [s.name for s in kept if column in s.columns]) > 1:
+            raise RunError(f"{meta.source}: {column}: of {' and of '.join(names)}; expected one source")
     proper = [s for s in kept if not s.outside]
     zero_ns, end_ns = min(int(s.t_ns[0]) for s in proper), max(int(s.t_ns[-1]) for s in proper)
     kept = [_cut(s, zero_ns, end_ns, notes) for s in kept]

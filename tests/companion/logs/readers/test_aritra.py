@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.core import messages as m
+from companion.core.messages.sensors import GnssFix
 from companion.logs.log_file import LogError
 from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.readers.uwb import read_uwb
@@ -159,6 +160,23 @@ def test_positions_from_ranges_where_the_tag_gives_none(run: Run, tmp_path):
     own_t, own = run.samples("north_m", "east_m")
     assert t_s.tolist() == own_t.tolist()
     assert np.linalg.norm(places - own, axis=1).max() < 0.15  # the tag solves plain least squares on the same ranges
+
+
+def test_of_two_sources_of_positions_the_vessel_files_counts(run: Run, tmp_path):
+    """Fixes at the site's origin, each 1 ms after a position of the tag."""
+    site = load_setup(EXAMPLES / "aritra.toml").pilot.site
+    place = {"fix_type": 6, "lat_deg": site.lat_deg, "lon_deg": site.lon_deg, "h_acc_m": 0.02}
+    fixes = [GnssFix(t_ns=p.t_ns + 1_000_000, t_rx_ns=p.t_rx_ns, **place) for p in of(m.UwbPosition)]
+    path = record(tmp_path / "both.mcap", sorted((*simulated(), *fixes), key=lambda x: x.t_ns))
+    by_gnss = read_run(path, ReadOptions(vessel=boat("lake")))
+    t_s, places = by_gnss.samples("north_m", "east_m")
+    np.testing.assert_allclose(t_s, [seconds(by_gnss, fix) for fix in fixes], atol=1e-9)
+    np.testing.assert_allclose(places, 0.0, atol=1e-3)
+    assert by_gnss.meta.columns["north_m"] == "GNSS, position"
+    assert [(p.kind, "UWB" in p.text, "GNSS" in p.text) for p in by_gnss.meta.notes] == [("left out", True, True)]
+    by_tag = read_run(path, ReadOptions(vessel=boat("aritra")))
+    assert by_tag.samples("north_m")[1].tolist() == run.samples("north_m")[1].tolist()
+    assert by_tag.meta.notes == ()
 
 
 def test_a_log_without_files_names_thrusters_by_channel(tmp_path):

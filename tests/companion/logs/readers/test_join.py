@@ -111,3 +111,11 @@ def test_what_lies_outside_the_log_is_cut_and_said_where_nothing_is_left():
 def test_without_commands_there_is_no_run():
     with pytest.raises(RunError, match="no thruster commands"):
         join([imu([0, 20])], RunMeta())
+
+
+def test_two_streams_of_one_column_are_refused_by_name():
+    gnss, uwb = (stream(name, [10], {"north_m": [1.0], "east_m": [2.0]}) for name in ("GNSS", "UWB"))
+    with pytest.raises(RunError, match=r"drive\.mcap: north_m: of GNSS and of UWB"):
+        join([imu([0, 20]), commands(), gnss, uwb], RunMeta(source="drive.mcap"))
+    without = stream("UWB", [], {"north_m": [], "east_m": []})
+    assert join([imu([0, 20]), commands(), gnss, without], RunMeta()).samples("north_m")[1].tolist() == [1.0]

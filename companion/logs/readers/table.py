@@ -19,7 +19,7 @@ import numpy as np
 import polars as pl
 
 from companion.logs.runs.columns import column_error
-from companion.logs.runs.outliers import without_outliers
+from companion.logs.runs.outliers import blanked_where, without_outliers
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta, check
 from companion.logs.unpack import most_bytes
 
@@ -144,19 +144,16 @@ def numbers(texts: pl.DataFrame, name: str, first_line: int) -> pl.DataFrame:
 
 
 def blanked(table: pl.DataFrame) -> tuple[pl.DataFrame, list[LogProblem]]:
-    """The table with NaN and infinity blanked, and a note for each column that had any."""
-    notes, columns = [], {}
-    t_s = table["t_s"].to_numpy()
-    for column in table.columns:
-        series = table[column].cast(pl.Float64)
-        values = series.to_numpy()
-        bad = ~np.isfinite(values) & ~series.is_null().to_numpy()
+    """The table with NaN and infinity blank, with the other of a pair; and a note for each column that had any."""
+    notes, given = [], table.cast(pl.Float64)
+    table, t_s = given, given["t_s"].to_numpy()
+    for column in given.columns:
+        bad = ~np.isfinite(given[column].to_numpy()) & ~given[column].is_null().to_numpy()
         if column != "t_s" and bad.any():
             text = f"{column}: {int(bad.sum())} values are NaN or infinite; left blank"
             notes.append(LogProblem(kind="not a number", text=text, t_s=float(t_s[bad.argmax()]), length_s=0.0))
-            series = pl.Series(column, np.where(bad, np.nan, values)).fill_nan(None)
-        columns[column] = series
-    return pl.DataFrame(columns), notes
+            table = blanked_where(table, column, bad)
+    return table, notes
 
 
 def _run(table: pl.DataFrame, metadata: Mapping[str, Any], name: str, place: Any) -> Run:

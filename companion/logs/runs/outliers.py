@@ -30,7 +30,12 @@ def without_outliers(table: pl.DataFrame) -> tuple[pl.DataFrame, list[LogProblem
         first = int(bad.argmax())
         text = f"{name}: {int(bad.sum())} values outside {limits[0]:g} to {limits[1]:g}, {values[first]:g}; left blank"
         notes.append(LogProblem(kind="impossible", text=text, t_s=float(t_s[first]), length_s=0.0))
-        both = next((pair for pair in PAIRS if name in pair), (name,))
-        keep = pl.Series(~bad)
-        table = table.with_columns(pl.when(keep).then(pl.col(one)).alias(one) for one in both if one in table.columns)
+        table = blanked_where(table, name, bad)
     return table, notes
+
+
+def blanked_where(table: pl.DataFrame, name: str, bad: np.ndarray) -> pl.DataFrame:
+    """`table` with column `name`, and the other of its pair, blank in the rows where `bad` (n,) is true."""
+    both = next((pair for pair in PAIRS if name in pair), (name,))
+    keep = pl.Series(~bad)
+    return table.with_columns(pl.when(keep).then(pl.col(one)).alias(one) for one in both if one in table.columns)

@@ -151,6 +151,20 @@ def test_edited_data_and_what_is_no_number_are_told(lines):
     assert column in run.meta.notes[0].text
 
 
+@pytest.mark.parametrize("value", ["nan", "-inf"])
+def test_half_a_position_that_is_no_number_leaves_the_other_half_blank_too(lines, value):
+    path, text, head = lines
+    columns, fields = text[head].split(","), text[head + 11].split(",")
+    assert float(fields[columns.index("east_m")]), "a position stands there"
+    fields[columns.index("north_m")] = value
+    put(path, [*text[: head + 11], ",".join(fields), *text[head + 12 :]])
+    run, whole = read_csv(path), clean_run(2.0)
+    assert [(p.kind, p.t_s) for p in run.meta.notes] == [("not a number", 0.2), ("edited", None)]
+    t_s, places = whole.samples("north_m", "east_m")
+    assert run.samples("east_m")[0].tolist() == [t for t in t_s if t != 0.2]
+    assert run.samples("north_m", "east_m")[1].tolist() == places[t_s != 0.2].tolist()
+
+
 def test_other_files_are_refused_with_their_name(tmp_path):
     for name, data, told in (
         ("a.parquet", b"no", r"a\.parquet: not a Parquet file"),

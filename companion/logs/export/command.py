@@ -100,9 +100,9 @@ def export_topics(path: Path, folder: Path, form: str, *, truth: Path | None = N
     except ImportError:
         raise LogError(NEEDS_POLARS) from None
     log, simulator, console = LogFile(path), open_truth(truth) if truth else None, Console()
-    taken = [p.name for p in sorted(folder.glob(f"*.{form}"))] if folder.is_dir() else []
+    taken = [*sorted(folder.glob(f"*.{form}")), *folder.glob(tables.INDEX)] if folder.is_dir() else []
     if taken:
-        raise LogError(f"{folder / taken[0]}: {AWAY}")
+        raise LogError(f"{taken[0]}: {AWAY}")
     with console.status(f"reading {path}") as status:
         found = tables.tables(log, simulator, lambda n: status.update(f"reading {path}: {n} messages"))
     if not found.by_topic:

@@ -114,6 +114,10 @@ def test_the_command_writes_a_folder_and_never_over_another(drive_log, tmp_path,
     assert index["vessel"] == "synthetic"
     with pytest.raises(command.LogError, match=r"alert\.csv: exists already"):
         command.export_topics(log, out, "csv")
+    with pytest.raises(command.LogError, match=r"log\.json: exists already"):
+        command.export_topics(log, out, "parquet")
+    assert json.loads((out / "log.json").read_text()) == index
+    assert not list(out.glob("*.parquet"))
 
 
 def test_topics_of_the_simulator_come_from_its_own_log(tmp_path):

@@ -52,7 +52,7 @@ def read_parquet(path: Path) -> Run:
             raise RunError(f"{path}: {cells} numbers; expected at most {MOST_CELLS}: divide the log")
         table = pl.read_parquet(path)
         head = pl.read_parquet_metadata(path).get(_PARQUET_KEY, "{}")
-    except pl.exceptions.PolarsError as error:
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:  # it panics over some damaged footers
         raise RunError(f"{path}: not a Parquet file: {error}") from None
     try:
         metadata = msgspec.json.decode(head, type=dict[str, Any])

@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from companion.core.messages import Tick
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.readers import table
-from companion.logs.readers.table import csv_lines, read_parquet
+from companion.logs.readers.table import csv_lines, read_parquet, write_run
 from companion.logs.recover import recover
 from companion.logs.runs.run import RunError
 from companion.logs.unpack import MOST_CHUNK_BYTES, MOST_RATIO
+from tests.companion.logs.readers.run_logs import clean_run
 from tests.fault_lab.broken_logs import KINDS, bomb, damaged, headers, record_synced
 
 CHUNK = 6
@@ -149,6 +150,21 @@ def test_a_parquet_table_of_too_many_numbers_is_refused_before_it_is_read(tmp_pa
     monkeypatch.setattr(table, "MOST_CELLS", 1999)
     with pytest.raises(RunError, match=r"run\.parquet: 2000 numbers; expected at most 1999"):
         read_parquet(path)
+
+
+def test_a_parquet_table_with_a_damaged_footer_is_refused_by_name(tmp_path):
+    """Polars panics over some of these, which is no Exception."""
+    path = tmp_path / "run.parquet"
+    write_run(clean_run(2.0), path)
+    data, outcomes = path.read_bytes(), set()
+    for at in range(len(data) - 1350, len(data) - 1150):
+        for bit in (0x02, 0x80):
+            path.write_bytes(data[:at] + bytes([data[at] ^ bit]) + data[at + 1 :])
+            try:
+                read_parquet(path)
+            except RunError as error:
+                outcomes.add(str(error).startswith(f"{path}: "))
+    assert outcomes == {True}
 
 
 def test_what_holds_no_record_is_no_log(tmp_path):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -40,6 +40,7 @@ from companion.logs.configuration import channels_in
 from companion.logs.log_file import LogFile, open_truth
 from companion.logs.readers.channels import channel_streams
 from companion.logs.readers.join import Stream, join
+from companion.logs.readers.outputs import carriers
 from companion.logs.readers.uwb import uwb_streams
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
@@ -106,7 +107,8 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
         **meta_fields(vessel, site),
     )
     run = join(streams, meta)
-    return run.with_notes(_disobeyed(found[OverrideLease], found[ServoOutput], len(channels), run.meta.zero_ns))
+    carried = carriers(found[OverrideLease][0].channels[: len(channels)], parameters)
+    return run.with_notes(_disobeyed(found[OverrideLease], found[ServoOutput], carried, run.meta.zero_ns))
 
 
 def _aiding(
@@ -233,16 +235,23 @@ def _truth(truths: list[GroundTruth], names: tuple[str, ...], forces_of: tuple[s
     return Stream.of("truth", columns, rows, outside=True)
 
 
-def _disobeyed(leases: list[OverrideLease], outputs: list[ServoOutput], n: int, zero_ns: int) -> list[LogProblem]:
-    """Notes on intervals in which the first `n` outputs match none of the leases of the last `OBEY_S`."""
+def _disobeyed(
+    leases: list[OverrideLease], outputs: list[ServoOutput], carried: Mapping[int, int], zero_ns: int
+) -> list[LogProblem]:
+    """Notes on intervals in which outputs match none of the leases of the last `OBEY_S`.
+
+    `carried`: place in a lease (from 0) -> output (from 1).
+    """
+    if not carried:
+        return []
     stamps = np.array([lease.t_ns for lease in leases])
-    pwm = np.array([(*lease.pwm_us[:n], *(0,) * (n - len(lease.pwm_us))) for lease in leases], dtype=float)
+    pwm = np.array([_at(lease.pwm_us, carried) for lease in leases])
     stretches: list[list[float]] = []
     commanded = [o for o in outputs if stamps[0] + OBEY_S * 1e9 <= o.t_ns <= stamps[-1]]
     odd = False
     for output in commanded:
         first, last = np.searchsorted(stamps, (output.t_ns - OBEY_S * 1e9, output.t_ns + 1))
-        actual = np.array(output.pwm_us[:n], dtype=float)
+        actual = _at(output.pwm_us, [number - 1 for number in carried.values()])
         near = last > first and (np.abs(pwm[first:last] - actual).max(axis=1) <= OBEY_US).any()
         t_s = (output.t_ns - zero_ns) / 1e9
         if not near and not odd:
@@ -252,6 +261,11 @@ def _disobeyed(leases: list[OverrideLease], outputs: list[ServoOutput], n: int, 
         odd = not near
     text = "the autopilot's outputs are not what was commanded (disarmed, other mode, failsafe?)"
     return [LogProblem(kind="not obeyed", text=text, t_s=a, length_s=b - a) for a, b in stretches if b - a >= OBEY_S]
+
+
+def _at(pwm_us: Sequence[int], places: Iterable[int]) -> np.ndarray:
+    """Pulse widths [us] at these places, from 0; no pulse (0) beyond the end."""
+    return np.array([pwm_us[place] if place < len(pwm_us) else 0 for place in places], dtype=float)
 
 
 def _own(

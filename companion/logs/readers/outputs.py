@@ -16,6 +16,8 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
+from companion.core.preflight.rows import ParameterSet
+from companion.core.preflight.wiring import Companion, wiring
 from companion.logs.readers.join import Stream
 from companion.logs.runs.run import LogProblem
 
@@ -40,6 +42,19 @@ def outputs_of(vessel: VesselFile, parameters: Mapping[str, float]) -> tuple[dic
         if len(known) == len(vessel.thrusters):
             return known, "by SERVOn_FUNCTION"
     return {t.name: n for n, t in enumerate(vessel.thrusters, 1)}, "in the order of the vessel file"
+
+
+def carriers(channels: Sequence[int], parameters: Mapping[str, float]) -> dict[int, int]:
+    """Output (from 1) by place in `channels` (from 0), the RC channels of a boat's thrusters, then servos.
+
+    What no SERVOn_FUNCTION gives an output is left out; where none of them was logged, outputs 1..n carry all, as our
+    parameter files wire them.
+    """
+    if not any(_FUNCTION.fullmatch(name) for name in parameters):
+        return {place: place + 1 for place in range(len(channels))}
+    boat = Companion(tuple((str(n), n) for n in channels), still=(), system_id=0, lease_s=0.0, latency_s=0.0)
+    outputs = wiring(ParameterSet(parameters), boat).outputs
+    return {o.thruster: o.number for o in reversed(outputs) if o.thruster is not None}
 
 
 def output_stream(

@@ -1,5 +1,6 @@
 """A log of the boat's own program, made on the stepped clock (seed 3), as a run."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -151,6 +152,38 @@ def test_what_the_autopilot_did_not_obey_is_told(tmp_path):
     (p,) = found["not obeyed"]
     assert p.t_s == pytest.approx(10.0, abs=0.7)
     assert p.length_s == pytest.approx(2.9, abs=0.7)
+
+
+def functions(first: int, *values: float) -> list[m.ParamValue]:
+    """SERVOn_FUNCTION of so many outputs from `first` on, logged at the start."""
+    t_ns = of(m.Tick)[0].t_ns
+    return [
+        m.ParamValue(t_ns=t_ns, name=f"SERVO{n}_FUNCTION", value=value, count=0, index=0)
+        for n, value in enumerate(values, first)
+    ]
+
+
+@pytest.mark.parametrize("values", [(59.0, 60.0, 61.0, 62.0), (94.0, 95.0, 96.0, 97.0)])
+def test_outputs_are_compared_by_their_functions(tmp_path, values):
+    """Thrusters on outputs 5 to 8, as RC channels passed on or by the gate's script."""
+
+    def moved(x, stuck: bool = False):
+        return replace(x, pwm_us=(*[1500] * 4, *([1500] * 4 if stuck else x.pwm_us[:4]), *[0] * 8))
+
+    def read(name: str, change):
+        changed = [change(x) if isinstance(x, m.ServoOutput) else x for x in simulated()]
+        return grouped(read_run(record(tmp_path / name, [*functions(5, *values), *changed])).meta.notes)
+
+    assert read("a.mcap", moved) == {}
+    assert set(read("b.mcap", partial(moved, stuck=True))) == {"not obeyed"}
+
+
+def test_outputs_of_unknown_functions_say_nothing_of_obedience(tmp_path):
+    """A mixer's motors: what they should put out does not stand in the leases."""
+    still = [replace(x, pwm_us=(1500,) * 16) if isinstance(x, m.ServoOutput) else x for x in simulated()]
+    assert "not obeyed" in grouped(read_run(record(tmp_path / "a.mcap", still)).meta.notes)
+    mixed = [*functions(1, 33.0, 34.0, 35.0, 36.0), *still]
+    assert read_run(record(tmp_path / "b.mcap", mixed)).meta.notes == ()
 
 
 def test_positions_from_ranges_where_the_tag_gives_none(run: Run, tmp_path):

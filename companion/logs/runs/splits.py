@@ -55,8 +55,17 @@ def part(run: Run, low_s: float, high_s: float, history_s: float = HISTORY_S) ->
 
 
 def parts(run: Run, intervals: Sequence[Interval], history_s: float = HISTORY_S) -> list[Run]:
-    """`part` of each interval."""
-    return [part(run, low_s, high_s, history_s) for low_s, high_s in intervals]
+    """`part` of each interval, without commands from before a pause of the recording: whether they lasted is unknown.
+
+    An interval must not reach across a pause.
+    """
+    begins, found = [begin for begin, _ in recording_intervals(run)[1:]], []
+    for begin, end in pairwise([-np.inf, *begins, np.inf]):
+        mine = [one for one in intervals if begin <= one[0] < end]
+        cut = begin > -np.inf and mine
+        since = Run(run.table.filter(pl.col("t_s") >= begin), run.meta, run.whole) if cut else run
+        found += [part(since, low_s, high_s, history_s) for low_s, high_s in mine]
+    return found
 
 
 def source_runs(runs: Sequence[Run]) -> list[Run]:
@@ -114,12 +123,19 @@ def alternate(run: Run, block_s: float) -> tuple[list[Interval], list[Interval]]
 
 
 def tail(run: Run, held_out_s: float) -> tuple[Interval, Interval]:
-    """Interval to fit, and the last `held_out_s` to hold out. RunError where nothing would be left to fit."""
-    t_s = run.table["t_s"]
-    begin, end = float(t_s[0]), float(t_s[-1])
-    if not 0 < held_out_s < end - begin:
-        raise RunError(f"{run.meta.source}: cannot hold out {held_out_s:g} s of {end - begin:g} s")
-    return (begin, before(end - held_out_s)), (end - held_out_s, end)
+    """Interval to fit, and the last `held_out_s` to hold out. RunError where nothing would be left to fit.
+
+    Pauses of the recording count for nothing.
+    """
+    spans = recording_intervals(run)
+    if not 0 < held_out_s < length_s(spans):
+        raise RunError(f"{run.meta.source}: cannot hold out {held_out_s:g} s of {length_s(spans):g} s")
+    left_s = held_out_s
+    while left_s > length_s(spans[-1:]):
+        left_s -= length_s(spans[-1:])
+        spans = spans[:-1]
+    begin, end, middle = float(run.table["t_s"][0]), float(run.table["t_s"][-1]), spans[-1][1] - left_s
+    return (begin, before(middle)), (middle, end)
 
 
 def before(t_s: float) -> float:

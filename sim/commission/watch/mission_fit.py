@@ -32,10 +32,9 @@ from sim.fitting.diagnose.posterior.noise import (
 )
 from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
-from sim.fitting.diagnose.preparation.gaps import split_at_pauses
 from sim.fitting.diagnose.vessel_edits.public_form import family
 from sim.fitting.engine.parameters import HULL
-from sim.fitting.engine.split import NamedLog
+from sim.fitting.engine.split import NamedLog, split_at_pauses
 from sim.fitting.wiring.levelling import levelled
 
 WINDOW_S = 0.5

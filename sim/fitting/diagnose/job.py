@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.problems import problems
 from companion.logs.runs.run import LogProblem, Run
+from companion.logs.runs.splits import parts
 from sim.fitting.diagnose.catalogue import catalogue, without_effects
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.posterior.clock import LogClock
@@ -21,7 +22,6 @@ from sim.fitting.diagnose.posterior.fit import PosteriorFit
 from sim.fitting.diagnose.posterior.linear import LinearisationPoint
 from sim.fitting.diagnose.posterior.noise import stated_noise
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
-from sim.fitting.diagnose.preparation.gaps import intervals_as_runs, split_at_pauses, without_pauses
 from sim.fitting.diagnose.preparation.subsampling import subsample
 from sim.fitting.diagnose.preparation.swapped_columns import reject_swapped_columns, strange_scale
 from sim.fitting.diagnose.report import findings as record
@@ -42,7 +42,7 @@ from sim.fitting.diagnose.selection.search import search_causes
 from sim.fitting.diagnose.selection.smoothed_logs import ModelUnderTest
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, VesselFiles, refit, vessel_with_causes
 from sim.fitting.engine.noise import Noise
-from sim.fitting.engine.split import NamedLog, Split, usable
+from sim.fitting.engine.split import NamedLog, Split, split_at_pauses, usable
 from sim.fitting.engine.windows import usable_fixes
 from sim.fitting.wiring.levelling import split_levelled, unlevelled
 from sim.fitting.wiring.record import WiringReport
@@ -220,17 +220,15 @@ def diagnose(
 
 
 def data_of(runs: Sequence[Run], held_out: Sequence[Run], vessel: VesselFile, block_s: float | None) -> Data:
-    """Split of the logs without pauses, subsampled, and the shared clock. JobError for swapped columns.
+    """Split of the logs, subsampled, and the shared clock. JobError for swapped columns.
 
     Roll and pitch that follow the acceleration are left out.
     """
-    whole = without_pauses(split_levelled(_logs(runs), _logs(held_out), vessel, block_s))
+    whole = split_levelled(_logs(runs), _logs(held_out), vessel, block_s)
     parted, clock = subsample(whole), LogClock.of(whole.fitted, [part.run for part in whole.held_out])
     for used in parted.used:
         reject_swapped_columns(used.log.run)
-    outside = [
-        run for out in parted.held_out for run in (intervals_as_runs(out.run, out.inside) if out.inside else [out.run])
-    ]
+    outside = [run for out in parted.held_out for run in (parts(out.run, out.inside) if out.inside else [out.run])]
     for run in outside:
         usable_fixes(run)  # raises early: held-out runs are used only after a long search
     return Data(parted, list(parted.fitted), outside, clock)

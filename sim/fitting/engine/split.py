@@ -5,6 +5,8 @@ Rules, the first that applies:
 logs named to be held out   every other log is fitted whole
 alternate blocks of S s     the first, third .. of each log are fitted, the second, fourth .. held out
 neither                     the last quarter of each log is held out, 20 s at least; shorter logs are fitted whole
+
+Where the recording paused nobody knows what was commanded: logs are cut there, and only recorded seconds count.
 """
 
 from __future__ import annotations
@@ -12,15 +14,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.logs.runs.run import Run, RunError
-from companion.logs.runs.splits import HeldOut, Interval, alternate, length_s, parts, tail
+from companion.logs.runs.run import LogProblem, Run, RunError
+from companion.logs.runs.splits import HeldOut, Interval, alternate, length_s, parts, recording_intervals, tail
+from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, inside_edges
 
 SHARE = 0.25
 LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
 """Assumed: a few of the hull's time constants to fit on; two open-loop runs of 10 s to be judged by."""
+PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
+NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
 
 
 class JobError(ValueError):
@@ -66,7 +72,7 @@ class Split:
     def about(self, vessel: VesselFile) -> tuple[tuple[str, str], ...]:
         """What a report is about, name and value: the boat, the logs, how much of them is fitted and held out."""
         size = f"{vessel.hull.length_m:g} m, {vessel.inertia.mass_kg:g} kg, {len(vessel.thrusters)} thrusters"
-        logs = ", ".join(f"{use.log.name} ({use.log.run.duration_s:.0f} s)" for use in self.used)
+        logs = ", ".join(f"{use.log.name} ({_recorded_s(use.log):.0f} s)" for use in self.used)
         shares = f"{self.fitted_length_s:.0f} s fitted, {self.held_out_length_s:.0f} s held out"
         return ("Boat", f"{vessel.name}: {size}"), ("Logs", logs), ("Of them", shares)
 
@@ -96,6 +102,9 @@ def split(
         rule = f"the last {100 * SHARE:g} % of each log, {LEAST_HELD_OUT_S:g} s at least"
         if whole:
             rule += f"; {whole} of {len(used)} are too short for that and were fitted whole"
+    pauses = sum(len(recording_intervals(u.log.run)) - 1 for u in used)
+    rule += f"; cut where the recording paused ({pauses} times)" if pauses else ""
+    used = [_without_pauses(u) for u in used]
     fitted = [run for u in used for run in parts(u.log.run, u.fitted_s)]
     out = [HeldOut(u.log.run, None if u.held_out_s == (_all(u.log),) else u.held_out_s) for u in used if u.held_out_s]
     return Split(tuple(fitted), tuple(out), tuple(used), rule)
@@ -117,16 +126,37 @@ def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
     return NamedLog(log.name, Run(run.table.select(*(f"pwm_{n}" for n in names), *others), run.meta))
 
 
+def split_at_pauses(run: Run) -> list[Run]:
+    """`run` cut at the pauses of its recording; the run itself where there are none. JobError: no usable part."""
+    spans = recording_intervals(run)
+    return [run] if len(spans) == 1 else parts(run, _usable(run, spans, spans, "used"))
+
+
+def usable_intervals(run: Run, intervals: Sequence[Interval]) -> list[Interval]:
+    """Those of `intervals` that last `PIECE_S` and hold heading, commands and positions enough for a fit."""
+    pulses = [f"pwm_{name}" for name in run.thrusters]
+    known = [run.samples(*columns)[0] for columns in (pulses, ("psi_rad",), ("north_m", "east_m"))]
+    long = [(low, high) for low, high in intervals if high - low >= PIECE_S]
+    return [(low, high) for low, high in long if _fits(*(t_s[(t_s >= low) & (t_s <= high)] for t_s in known))]
+
+
 def _all(log: NamedLog) -> Interval:
     """From its first row to its last."""
     t_s = log.run.table["t_s"]
     return float(t_s[0]), float(t_s[-1])
 
 
+def _recorded_s(log: NamedLog) -> float:
+    """Length of a log without the pauses of its recording [s]."""
+    return length_s(recording_intervals(log.run))
+
+
 def _long(log: NamedLog, least_s: float, what: str) -> NamedLog:
-    """The log. Raises JobError where it is shorter than `least_s`, the least for the purpose `what`."""
-    if log.run.duration_s < least_s:
-        raise JobError(f"{log.name}: {log.run.duration_s:.1f} s; {least_s:g} s are the least {what}")
+    """The log. Raises JobError where less than `least_s` was recorded, the least for the purpose `what`."""
+    if (recorded_s := _recorded_s(log)) < least_s:
+        pauses = len(recording_intervals(log.run)) - 1
+        between = f" beside {pauses} pauses of the recording" if pauses else ""
+        raise JobError(f"{log.name}: {recorded_s:.1f} s{between}; {least_s:g} s are the least {what}")
     return log
 
 
@@ -144,17 +174,48 @@ def _alternate(log: NamedLog, block_s: float) -> LogUse:
 def _tails(logs: Sequence[NamedLog]) -> list[LogUse]:
     """The last part of each log held out, where it is long enough. Raises JobError where none is."""
     least_s = LEAST_FIT_S + LEAST_HELD_OUT_S
-    _long(
-        max(logs, key=lambda log: log.run.duration_s),
-        least_s,
-        "when its last part is held out (or hold out another log)",
-    )
+    _long(max(logs, key=_recorded_s), least_s, "when its last part is held out (or hold out another log)")
     return [
-        _tail(log) if log.run.duration_s >= least_s else LogUse(_long(log, LEAST_FIT_S, "to fit"), (_all(log),), ())
+        _tail(log) if _recorded_s(log) >= least_s else LogUse(_long(log, LEAST_FIT_S, "to fit"), (_all(log),), ())
         for log in logs
     ]
 
 
 def _tail(log: NamedLog) -> LogUse:
-    fitted, out = tail(log.run, max(SHARE * log.run.duration_s, LEAST_HELD_OUT_S))
+    fitted, out = tail(log.run, max(SHARE * _recorded_s(log), LEAST_HELD_OUT_S))
     return LogUse(log, (fitted,), (out,))
+
+
+def _without_pauses(used: LogUse) -> LogUse:
+    """`used` with usable intervals within the recorded spans, and a note of what is left out."""
+    run = used.log.run
+    spans = recording_intervals(run)
+    if len(spans) == 1 and len(used.fitted_s) <= 1 and len(used.held_out_s) <= 1:
+        return used
+    fitted_s = _usable(run, used.fitted_s, spans, "fitted")
+    held_out_s = _usable(run, used.held_out_s, spans, "held out")
+    left_s = length_s(spans) - length_s(fitted_s) - length_s(held_out_s)
+    if left_s > 1.0:
+        text = f"{left_s:.0f} s in pieces that are too short, or hold too little, are not used: {NEEDED}"
+        run = run.with_notes([LogProblem(kind="left out", text=text)])
+    return LogUse(NamedLog(used.log.name, run), fitted_s, held_out_s)
+
+
+def _usable(run: Run, intervals: Sequence[Interval], spans: Sequence[Interval], what: str) -> tuple[Interval, ...]:
+    """Usable parts of the intervals `intervals` within the recorded `spans`. JobError where there is none.
+
+    `what`: the purpose, for the message.
+    """
+    left = tuple(usable_intervals(run, [(max(low, a), min(high, b)) for low, high in intervals for a, b in spans]))
+    if intervals and not left:
+        pauses = f"the recording pauses {len(spans) - 1} times, first at {spans[0][1]:g} s; " if len(spans) > 1 else ""
+        raise JobError(f"{run.meta.source}: {pauses}nothing of it can be {what}: {NEEDED}")
+    return left
+
+
+def _fits(commands_s: np.ndarray, heading_s: np.ndarray, fixes_s: np.ndarray) -> bool:
+    """Whether one piece, by the stamps of its commands, headings and fixes [s], can be fitted."""
+    if len(fixes_s) < FIXES or not len(commands_s) or not len(heading_s):
+        return False
+    begin_s, end_s = max(heading_s[0], commands_s[0] + SETTLE_S), heading_s[-1]
+    return bool(end_s - begin_s >= PIECE_S / 2 and inside_edges(fixes_s, begin_s, end_s).sum() >= LEAST_FIXES)

@@ -8,9 +8,8 @@ from math import floor
 
 import numpy as np
 
-from companion.logs.runs.splits import Interval, length_s
-from sim.fitting.diagnose.preparation.gaps import NEEDED, intervals_as_runs, usable_intervals
-from sim.fitting.engine.split import JobError, Split
+from companion.logs.runs.splits import Interval, length_s, parts
+from sim.fitting.engine.split import NEEDED, JobError, Split, usable_intervals
 
 LONGEST_S = 1000.0  # of all fitted logs together: a quarter of an hour tells nearly every cause; assumed
 PIECE_S = 50.0  # long against every time constant of a boat, short against drift and draining batteries; assumed
@@ -29,15 +28,15 @@ def subsample(original: Split) -> Split:
     ]
     usable_s = sum(map(length_s, usable_pieces))
     share, seen, kept = min(LONGEST_S / max(usable_s, PIECE_S), 1.0), 0, []
-    for used, parts in zip(original.used, usable_pieces, strict=True):
+    for used, pieces in zip(original.used, usable_pieces, strict=True):
         taken: list[Interval] = []
-        for piece in parts:
+        for piece in pieces:
             seen += 1
             if floor(seen * share) > floor((seen - 1) * share):
                 begun = taken.pop()[0] if taken and taken[-1][1] == piece[0] else piece[0]
                 taken.append((begun, piece[1]))  # merged with an adjacent piece
         kept.append(replace(used, fitted_s=tuple(taken)))
-    fitted = tuple(run for used in kept for run in intervals_as_runs(used.log.run, used.fitted_s))
+    fitted = tuple(run for used in kept for run in parts(used.log.run, used.fitted_s))
     if not fitted:
         raise JobError(f"{total_s / 60:.0f} minutes to fit, but no piece of {PIECE_S:g} s can be used: {NEEDED}")
     rule = f"{original.rule}; of {total_s / 60:.0f} minutes to fit, pieces of {PIECE_S:g} s, evenly spread"

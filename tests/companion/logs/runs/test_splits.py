@@ -110,6 +110,14 @@ def test_a_part_after_a_pause_knows_the_command_in_force():
     assert np.array_equal(held_commands(found, np.array([19.0]))[0], held_commands(paused, np.array([19.0]))[0])
 
 
+def test_pauses_count_for_nothing_when_the_last_part_is_held_out():
+    """10 s before the pause of 10 s, 40 after it: the last 45 s begin 5 s before the pause."""
+    paused = Run(CLEAN.table.filter((pl.col("t_s") <= 10.0) | (pl.col("t_s") >= 20.0)), CLEAN.meta)
+    (low, high), (from_s, to_s) = tail(paused, 44.98)
+    assert (low, to_s) == (0.0, 59.98) and high < from_s == pytest.approx(5.0)
+    assert tail(paused, 30.0)[1][0] == pytest.approx(29.98)
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [

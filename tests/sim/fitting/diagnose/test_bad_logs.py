@@ -23,10 +23,9 @@ from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.readings import Readings
 from sim.fitting.diagnose.posterior.state import WindowTrajectories
 from sim.fitting.diagnose.preparation import subsampling
-from sim.fitting.diagnose.preparation.gaps import split_at_pauses
 from sim.fitting.diagnose.preparation.swapped_columns import SLIPS, reject_swapped_columns
 from sim.fitting.diagnose.selection import held_out, smoothed_logs
-from sim.fitting.engine.split import JobError
+from sim.fitting.engine.split import JobError, split_at_pauses
 from tests.evidence.diagnose import survive
 from tests.support.vessel_fixtures import boat
 

@@ -12,9 +12,8 @@ from msgspec.structs import replace
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import HISTORY_S, part, recording_intervals
 from sim.fitting.diagnose.posterior.clock import LogClock
-from sim.fitting.diagnose.preparation.gaps import PIECE_S as SHORTEST_S
-from sim.fitting.diagnose.preparation.gaps import without_pauses
 from sim.fitting.diagnose.preparation.subsampling import LONGEST_S, PIECE_S, subsample
+from sim.fitting.engine.split import PIECE_S as SHORTEST_S
 from sim.fitting.engine.split import JobError, LogUse, NamedLog, Split, split
 from sim.fitting.engine.windows import cut_windows
 from tests.companion.logs.readers.run_logs import clean_run
@@ -89,7 +88,7 @@ def blank(run: Run, begin_s: float, end_s: float, *columns: str) -> Run:
 def whole(run: Run, block_s: float | None = None, held_out: Run | None = None) -> Split:
     """As `diagnose` divides logs."""
     others = [NamedLog("other", held_out)] if held_out is not None else []
-    return subsample(without_pauses(split([NamedLog("log", run)], others, VESSEL, block_s)))
+    return subsample(split([NamedLog("log", run)], others, VESSEL, block_s))
 
 
 def unbroken(runs) -> bool:
@@ -165,10 +164,11 @@ def test_what_is_too_short_between_pauses_is_said():
 
 
 def test_a_log_without_pauses_stays_as_it_is():
-    plain = split([NamedLog("log", thin(300.0))], [], VESSEL)
-    again = without_pauses(plain)
-    assert again.used == plain.used and again.held_out == plain.held_out
-    assert all(one.table.equals(other.table) for one, other in zip(again.fitted, plain.fitted, strict=True))
+    run, plain = thin(300.0), whole(thin(300.0))
+    middle = run.duration_s * 0.75
+    assert plain.used[0].held_out_s == ((middle, run.duration_s),)
+    (fitted,) = plain.fitted
+    assert fitted.table.equals(run.table.select(fitted.table.columns).filter(pl.col("t_s") < middle))
 
 
 def test_nothing_left_between_pauses_is_refused_by_name():

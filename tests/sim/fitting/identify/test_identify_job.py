@@ -84,6 +84,7 @@ def test_thrusters_are_put_into_the_vessel_files_order(run):
         (lambda r: ([blank(r, "psi_rad")], []), r"log0: psi_rad: blank throughout"),
         (lambda r: ([blank(r, "pwm_rear_port")], []), r"log0: pwm_rear_port: blank throughout"),
         (lambda r: ([short(r, 45.0)], []), r"log0: 45\.0 s; 50 s are the least when its last part is held out"),
+        (lambda r: ([with_pause(short(r, 45.0), 20.0)], []), r"log0: 45\.0 s beside 1 pauses of the recording; 50 s"),
         (lambda r: ([short(r, 25.0)], [teleop_run(VESSEL, 9, 40.0)]), r"log0: 25\.0 s; 30 s are the least to fit"),
         (lambda r: ([r], [short(r, 15.0)]), r"log1: 15\.0 s; 20 s are the least to be held out"),
         (lambda r: ([r], [r]), r"log1: holds the same data as log0"),
@@ -95,6 +96,28 @@ def test_what_cannot_be_used_is_named(run, make, words):
     logs, held_out = ([NamedLog(f"log{next(number)}", r) for r in runs] for runs in make(run))
     with pytest.raises(JobError, match=words):
         split(logs, held_out, VESSEL)
+
+
+def with_pause(run: Run, at_s: float) -> Run:
+    """The recording stood still for 300 s after `at_s`."""
+    return changed(run, t_s=pl.col("t_s") + pl.when(pl.col("t_s") > at_s).then(300.0).otherwise(0.0))
+
+
+def test_a_pause_of_the_recording_is_neither_fitted_nor_counted(run):
+    """What was commanded meanwhile is unknown; the last quarter is one of what was recorded."""
+    paused = with_pause(run, 30.0)
+    found = split([NamedLog("a.csv", paused)], [], VESSEL)
+    (used,) = found.used
+    fitted, out = (np.array(intervals) for intervals in (used.fitted_s, used.held_out_s))
+    assert fitted == pytest.approx(np.array([(0.0, 30.0), (330.0, 360.0)]), abs=0.1)
+    assert out == pytest.approx(np.array([(360.0, 380.0)]), abs=0.1)
+    assert [np.diff(piece.measured_s()).max() < 0.5 for piece in found.fitted] == [True, True]
+    assert found.fitted[1].commands()[0][0] >= 330.0
+    about = dict(found.about(VESSEL))
+    assert (about["Logs"], about["Of them"]) == ("a.csv (80 s)", "60 s fitted, 20 s held out")
+    assert "cut where the recording paused (1 times)" in found.rule
+    held_out = split([NamedLog("b.csv", run)], [NamedLog("a.csv", paused)], VESSEL).held_out[0].inside
+    assert np.array(held_out) == pytest.approx(np.array([(0.0, 30.0), (330.0, 380.0)]), abs=0.1)
 
 
 @pytest.mark.parametrize(("block_s", "words"), [(10.0, "20 s are the least"), (70.0, "hold no two blocks of 70 s")])

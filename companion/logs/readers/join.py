@@ -7,7 +7,7 @@ The rows are the union of all stamps. An attitude within 1 ms of an inertial sam
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
@@ -45,6 +45,10 @@ class Stream:
         t_ns = np.array([row[0] for row in rows], dtype=np.int64)
         values = np.array([row[1:] for row in rows], dtype=float).reshape(len(rows), len(columns))
         return cls(name, t_ns, dict(zip(columns, values.T, strict=True)), **options)
+
+    def only(self, which: np.ndarray) -> Stream:
+        """The samples of the mask `which` (n,)."""
+        return replace(self, t_ns=self.t_ns[which], columns={name: v[which] for name, v in self.columns.items()})
 
 
 def join(streams: Sequence[Stream], meta: RunMeta) -> Run:
@@ -93,12 +97,17 @@ def _order(columns: Sequence[str]) -> list[str]:
 def _clean(s: Stream, notes: list[tuple[int, LogProblem]]) -> Stream:
     """The stream with strictly increasing stamps; notes on what was changed are appended to `notes`.
 
-    Late samples are sorted in, repeated stamps dropped; everything after a clock that was set back is left out.
+    Late samples are sorted in, repeated and damaged stamps dropped; everything after a clock that was set back is left
+    out.
     """
 
     def note(kind: str, at: int, text: str) -> None:
         notes.append((int(s.t_ns[at]), LogProblem(kind=kind, text=f"{s.name}: {text}", t_s=0.0, length_s=0.0)))
 
+    if (damaged := _isolated(s.t_ns)).any():
+        text = f"{int(damaged.sum())} samples stamped more than {BACK_NS / 1e9:g} s off their neighbours are left out"
+        note("damaged", int(damaged.argmax()) - 1, text)
+        s = s.only(~damaged)
     keep = np.arange(len(s.t_ns))
     back = np.flatnonzero(s.t_ns[1:] < np.maximum.accumulate(s.t_ns)[:-1] - BACK_NS) + 1
     if len(back):
@@ -130,6 +139,19 @@ def _clean(s: Stream, notes: list[tuple[int, LogProblem]]) -> Stream:
     return Stream(s.name, s.t_ns[keep], columns, s.held, s.near, s.outside)
 
 
+def _isolated(t_ns: np.ndarray) -> np.ndarray:
+    """Mask (n,) of stamps more than `BACK_NS` before the last or after the next one, while these two go on in order.
+
+    So looks a flipped bit. After a clock that was set back, the next stamp is not as far on as a usual step.
+    """
+    before, t, after = t_ns[:-2], t_ns[1:-1], t_ns[2:]
+    found = np.zeros(len(t_ns), dtype=bool)
+    if len(t):
+        goes_on = after - before >= np.median(np.diff(t_ns))
+        found[1:-1] = goes_on & ((t < before - BACK_NS) | (t > after + BACK_NS))
+    return found
+
+
 def _cut(s: Stream, zero_ns: int, end_ns: int, notes: list[tuple[int, LogProblem]]) -> Stream:
     """An `outside` stream cut to the log proper; others as they are."""
     inside = (s.t_ns >= zero_ns) & (s.t_ns <= end_ns)
@@ -141,8 +163,7 @@ def _cut(s: Stream, zero_ns: int, end_ns: int, notes: list[tuple[int, LogProblem
             f"{s.name}: none of its {len(inside)} samples falls into the log: it begins {away_s:+.1f} s from its start"
         )
         notes.append((zero_ns, LogProblem(kind="missing", text=text)))
-    columns = {name: values[inside] for name, values in s.columns.items()}
-    return Stream(s.name, s.t_ns[inside], columns, s.held, s.near, s.outside)
+    return s.only(inside)
 
 
 def _counts(t_ns: np.ndarray) -> np.ndarray:

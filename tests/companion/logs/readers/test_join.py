@@ -93,6 +93,27 @@ def test_a_clock_that_is_set_back_ends_the_stream_and_is_told():
     assert "goes back by 2.040 s; 2 samples after it are left out" in run.meta.notes[0].text
 
 
+@pytest.mark.parametrize("off_ms", [8_590_000, 33_500, 1_100, -33_500])
+def test_one_damaged_stamp_costs_one_sample(off_ms):
+    """A flipped bit, of the commands or of a sensor, and another one later: all else stays where it was."""
+    t_ms = [20 * k + (off_ms if k in (2, 50) else 0) for k in range(100)]
+    left = [k for k in range(100) if k not in (2, 50)]
+    run = join([imu(t_ms), commands([0])], RunMeta())
+    assert run.samples("r_rad_s")[0] == pytest.approx([0.02 * k for k in left])
+    assert run.samples("r_rad_s")[1].tolist() == [k / 100 for k in left]
+    assert notes(run) == [("damaged", 0.02)]
+    assert "IMU: 2 samples stamped more than 1 s off their neighbours are left out" in run.meta.notes[0].text
+    run = join([imu([20 * k for k in range(100)]), commands(t_ms, 1500.0 + np.arange(100))], RunMeta())
+    assert run.commands()[1][:, 0].tolist() == [1500 + k for k in left]
+    assert run.duration_s == pytest.approx(1.98)
+
+
+def test_a_slow_stream_whose_clock_is_set_back_by_less_than_two_samples_ends_there():
+    run = join([imu([0, 4000, 8000, 12000, 9500, 13500, 17500]), commands()], RunMeta())
+    assert run.samples("r_rad_s")[0].tolist() == [0.0, 4.0, 8.0, 12.0]
+    assert notes(run) == [("clock jump", 12.0)]
+
+
 def test_of_two_commands_at_one_instant_the_last_counts():
     run = join([imu([0, 10, 20]), commands([0, 10, 10], [1500, 1600, 1700])], RunMeta())
     assert run.table["pwm_a"].to_list() == [1500, 1700, 1700]

@@ -1,11 +1,7 @@
 """Reader of telemetry logs of a ground station (.tlog): SERVO_OUTPUT_RAW, IMU, ATTITUDE, SYS_STATUS, GPS or a UWB log.
 
-Every record has the host's Unix stamp of its arrival. Records with a stamp of the autopilot are moved to the host's
-clock by the line of least delay,
-
-    t_host = t_autopilot + a + b t_autopilot,   a, b: the highest line with t_host <= arrival for every record
-
-which removes the jitter of the link; its constant least delay remains and is unknown.
+Every record has the host's Unix stamp of its arrival; those with a stamp of the autopilot are moved to the host's clock
+(`host_clock`).
 """
 
 from __future__ import annotations
@@ -26,6 +22,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import Attitude, Battery, ImuSample, Message
 from companion.logs.readers.aritra import attitude_row, attitude_stream, imu_row, imu_stream, meta_fields
 from companion.logs.readers.dataflash import Joined, gps_known, gps_stream
+from companion.logs.readers.host_clock import Arrival, host_stamps, longest_boot
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.outputs import output_stream
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
@@ -46,30 +43,27 @@ _SLOW_S = 0.125  # outputs slower than 8 Hz hide what happened between them; ass
 def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joined | None, offset_s: float) -> Run:
     """Run of a telemetry log. Raises RunError naming the file, OSError."""
     log = _Records(path)
+    notes: list[LogProblem] = []
+    arrivals = longest_boot((Arrival(t_ns, _device_ns(m), m) for t_ns, m in log.of_autopilot()), notes)
+    notes = log.notes() + notes
     rows: dict[str, list[tuple[int, int, Any]]] = defaultdict(list)
-    for t_rx_ns, m in log.of_autopilot():
-        rows[m.get_type()].append((t_rx_ns, _device_ns(m), m))
-    if not rows["SERVO_OUTPUT_RAW"]:
+    if not any(one.message.get_type() == "SERVO_OUTPUT_RAW" for one in arrivals):
         raise RunError(f"{path}: no servo outputs (SERVO_OUTPUT_RAW) in it")
-    notes = log.notes()
-    stamps = _host_stamps(rows)
-    outputs = [
-        (t_ns, *pulses(m, "servo{}_raw", 16))
-        for t_ns, (_, _, m) in zip(stamps["SERVO_OUTPUT_RAW"], rows["SERVO_OUTPUT_RAW"], strict=True)
-        if m.port == 0
-    ]
+    for t_ns, (t_rx_ns, _, m) in zip(host_stamps(arrivals, notes), arrivals, strict=True):
+        rows[m.get_type()].append((t_ns, t_rx_ns, m))
+    outputs = [(t_ns, *pulses(m, "servo{}_raw", 16)) for t_ns, _, m in rows["SERVO_OUTPUT_RAW"] if m.port == 0]
     period_s = float(np.median(np.diff([row[0] for row in outputs]))) / 1e9 if len(outputs) > 1 else np.inf
     if period_s > _SLOW_S:
         text = f"servo outputs every {period_s:.2f} s only: what was commanded between them is not known"
         notes.append(LogProblem(kind="coarse commands", text=text))
-    source = next((name for name in IMU_PREFERENCE if any(_decoded(name, rows, stamps, ImuSample))), "IMU")
-    voltages = [(m.t_ns, m.voltage_v) for m in _decoded("SYS_STATUS", rows, stamps, Battery)]
+    source = next((name for name in IMU_PREFERENCE if any(_decoded(name, rows, ImuSample))), "IMU")
+    voltages = [(m.t_ns, m.voltage_v) for m in _decoded("SYS_STATUS", rows, Battery)]
     parameters = {m.param_id: m.param_value for *_, m in rows["PARAM_VALUE"]}
     commands, which = output_stream(outputs, vessel, parameters, notes)
     streams = [
         commands,
-        imu_stream([imu_row(m) for m in _decoded(source, rows, stamps, ImuSample)]),
-        attitude_stream([attitude_row(m) for m in _decoded("ATTITUDE", rows, stamps, Attitude)], site),
+        imu_stream([imu_row(m) for m in _decoded(source, rows, ImuSample)]),
+        attitude_stream([attitude_row(m) for m in _decoded("ATTITUDE", rows, Attitude)], site),
         Stream.of("battery", ("battery_v",), voltages, held=True),
     ]
     columns = {"pwm": f"SERVO_OUTPUT_RAW: what left the autopilot, {which}", "r_rad_s": f"gyroscope, {source}"}
@@ -165,43 +159,9 @@ def _device_ns(m: Any) -> int:
     return getattr(m, stamp[0]) * stamp[1]
 
 
-def _host_stamps(rows: dict[str, list[tuple[int, int, Any]]]) -> dict[str, list[int]]:
-    """Stamps on the host's clock [ns] by message type."""
-    stamped = {name: np.array([(rx, dev) for rx, dev, _ in found], dtype=np.int64).reshape(-1, 2)
-               for name, found in rows.items()}  # fmt: skip
-    reference = np.concatenate([t for name, t in stamped.items() if name in STAMPS])
-    offset = int(np.median(reference[:, 0] - reference[:, 1]))
-    for name, t in stamped.items():
-        wrap = STAMPS[name][2] if name in STAMPS else None
-        if wrap is not None:
-            t[:, 1] += np.rint((t[:, 0] - t[:, 1] - offset) / wrap).astype(np.int64) * wrap
-    whole = np.concatenate([t for name, t in stamped.items() if name in STAMPS])
-    zero = whole[0]
-    line = _least_delay((whole[:, 1] - zero[1]) / 1e9, (whole[:, 0] - whole[:, 1] - zero[0] + zero[1]) / 1e9)
-    moved = {}
-    for name, t in stamped.items():
-        delay_s = np.polynomial.polynomial.polyval((t[:, 1] - zero[1]) / 1e9, line)
-        own = t[:, 1] - zero[1] + zero[0] + np.rint(delay_s * 1e9).astype(np.int64)
-        moved[name] = (own if name in STAMPS else t[:, 0]).tolist()
-    return moved
-
-
-def _least_delay(t_s: np.ndarray, delay_s: np.ndarray) -> tuple[float, float]:
-    """a, b of the highest line a + b t under all delays, through the least one of either half of the time."""
-    middle = (t_s.min() + t_s.max()) / 2
-    points = []
-    for half in (t_s <= middle, t_s > middle):
-        if half.any():
-            at = np.flatnonzero(half)[delay_s[half].argmin()]
-            points.append((t_s[at], delay_s[at]))
-    (t0, d0), (t1, d1) = points[0], points[-1]
-    b = (d1 - d0) / (t1 - t0) if t1 - t0 > 60.0 else 0.0  # a drift from less than a minute would be jitter
-    return float((delay_s - b * t_s).min()), float(b)
-
-
-def _decoded(name: str, rows: dict, stamps: dict[str, list[int]], kind: type[Message]) -> Iterator[Any]:
+def _decoded(name: str, rows: dict[str, list[tuple[int, int, Any]]], kind: type[Message]) -> Iterator[Any]:
     """Messages of type `name` in SI units, with the host's stamps."""
-    for t_ns, (t_rx_ns, _, m) in zip(stamps.get(name, ()), rows[name], strict=True):
+    for t_ns, t_rx_ns, m in rows[name]:
         message = DECODERS[name](m, t_ns, t_rx_ns)
         if isinstance(message, kind):
             yield message

@@ -103,6 +103,61 @@ def test_stamps_lose_the_links_jitter_and_keep_up_with_the_drift(tmp_path):
     assert "clock jump" not in grouped(problems(run))
 
 
+def stamp_errors(path: Path, start_us: int = UNIX_US, column: str = "psi_rad") -> np.ndarray:
+    """Stamps of a column that is sampled 20 times (positions: once) a second, less what they should be [s]."""
+    run = read_run(path)
+    t_s, values = run.samples(column)
+    north = column == "north_m"  # at 1 m/s
+    true = np.rint(values - values[0]) if north else np.rint((np.unwrap(values) - 0.5) / 0.001) * 0.05
+    return t_s + run.meta.zero_ns / 1e9 - start_us / 1e6 - true - 0.02
+
+
+@pytest.mark.parametrize("silent_s", [0.0, 30.0])
+@pytest.mark.parametrize("steps", [((100, 2.0),), ((100, -0.8),), ((120, -0.8), (160, 3.0)), ((40, 3600.0),)])
+def test_a_ground_stations_clock_that_is_set_does_not_stretch_time(tmp_path, steps, silent_s):
+    """After so many seconds by so much: attitudes and fixes by arrival go on evenly, by the clock as it mostly was."""
+    boat = Autopilot(200.0, drift=1e-4, jitter_s=0.02)
+    path, begin_us = tmp_path / "a.tlog", boat.records[0][0]
+    moved_us = [sum(round(by_s * 1e6) for at_s, by_s in steps if t - begin_us >= at_s * 1e6) for t, _ in boat.records]
+    moved = zip(boat.records, moved_us, strict=True)
+    away_s = steps[0][0] - silent_s
+    boat.records = [(t + us, frame) for (t, frame), us in moved if us or t - begin_us < away_s * 1e6]
+    boat.write(path)
+    for column, most_s in (("psi_rad", 0.01), ("north_m", 0.15)):
+        assert np.ptp(stamp_errors(path, column=column)) < most_s
+    (note,) = (note for note in read_run(path).meta.notes if note.kind == "clock jump")
+    assert f"was set {len(steps)} times" in note.text
+    assert float(note.text.partition("(")[2].partition(" s after")[0]) == pytest.approx(steps[0][1], abs=0.02)
+
+
+def test_a_link_that_is_slow_for_a_while_is_no_clock_that_was_set(tmp_path):
+    boat = Autopilot(200.0, jitter_s=0.02)
+    slow = [60e6 < t - UNIX_US < 140e6 for t, _ in boat.records]
+    boat.records = [(t + 1_000_000 * late, f) for (t, f), late in zip(boat.records, slow, strict=True)]
+    path = boat.write(tmp_path / "a.tlog")
+    assert np.abs(stamp_errors(path)).max() < 0.01
+    assert "clock jump" not in grouped(read_run(path).meta.notes)
+
+
+def test_half_a_log_that_came_late_makes_no_drift(tmp_path):
+    """A crystal does not drift by a thousandth."""
+    boat = Autopilot(200.0)
+    boat.records = [(t + 200_000 * (t - UNIX_US > 100_000_000), f) for t, f in boat.records]
+    assert np.ptp(stamp_errors(boat.write(tmp_path / "a.tlog"))) < 0.01
+
+
+@pytest.mark.parametrize(("first_s", "second_s"), [(80.0, 300.0), (300.0, 80.0)])
+def test_of_an_autopilot_that_is_started_anew_the_longer_boot_is_kept(tmp_path, first_s, second_s):
+    path, pause_us = tmp_path / "a.tlog", round((first_s + 20.0) * 1e6)
+    first, second = (Autopilot(seconds, jitter_s=0.02).records for seconds in (first_s, second_s))
+    path.write_bytes(tlog([*first, *((t_us + pause_us, frame) for t_us, frame in second)]))
+    run = read_run(path)
+    assert len(run.samples("psi_rad")[0]) == 6000 and len(run.samples("north_m")[0]) == 300
+    assert np.abs(stamp_errors(path, UNIX_US + (pause_us if second_s > first_s else 0))).max() < 0.01
+    (note,) = (note for note in run.meta.notes if note.kind == "clock jump")
+    assert "started anew 1 times; " in note.text and "records of its other boots are left out" in note.text
+
+
 def test_values_are_si_and_of_the_autopilot_alone(tmp_path):
     run = read_run(Autopilot(20.0).write(tmp_path / "a.tlog"))
     assert run.samples("r_rad_s")[1][7] == 0.0075  # 7 mrad/s are what was cut to 7

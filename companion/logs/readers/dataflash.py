@@ -18,6 +18,7 @@ from pymavlink import DFReader
 from companion.core.configuration.imu_filters import late_by_filters
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.geometry.frames import unrotate
 from companion.logs.readers.aritra import attitude_stream, imu_stream, meta_fields
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.outputs import output_stream
@@ -72,7 +73,7 @@ def read_dataflash_run(
         log = uwb(round(offset_s * 1e9) if offset_s is not None else -(unix_ns or 0))
         streams, columns, notes = streams + log.streams, columns | log.columns, notes + list(log.notes)
     elif rows["BCN"] and not (vessel and vessel.sensors.gnss):
-        streams.append(_beacon(rows["BCN"]))
+        streams.append(_beacon(rows["BCN"], site))
         columns["north_m"] = columns["east_m"] = "BCN: the autopilot's beacon position, from the beacons' origin"
         known["latency_s"] = None
     elif rows["GPS"]:
@@ -130,9 +131,13 @@ def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple
     return rows, unix_ns
 
 
-def _beacon(rows: list[tuple[float, ...]]) -> Stream:
-    names = ("north_m", "east_m", *(f"range_{i}_m" for i in range(4)))
-    return Stream.of("beacon", names, rows)
+def _beacon(rows: list[tuple[float, ...]], site: Site | None) -> Stream:
+    """Stream of rows as of `_bcn`, its true north and east turned into the site's axes, as headings are."""
+    stream = Stream.of("beacon", ("north_m", "east_m", *(f"range_{i}_m" for i in range(4))), rows)
+    north_m, east_m = (stream.columns[name].copy() for name in ("north_m", "east_m"))
+    turned_m = unrotate(radians(site.rotation_deg) if site else 0.0, north_m, east_m)
+    stream.columns["north_m"][:], stream.columns["east_m"][:] = turned_m
+    return stream
 
 
 def _bcn(m: Any) -> tuple[float, ...] | None:

@@ -142,6 +142,16 @@ def test_a_beacon_gives_positions_and_ranges(tmp_path):
     assert not run.known("range_3_m")
 
 
+def test_positions_of_a_beacon_are_in_site_axes_as_headings_are(tmp_path):
+    """Due north at 1 m/s from 1 m west, by axes turned 30 deg clockwise; ranges do not turn."""
+    path = written(tmp_path, beacon=True)
+    run = read_run(path, ReadOptions(site=msgspec.structs.replace(SITE, rotation_deg=30.0)))
+    t_s, places = run.samples("north_m", "east_m")
+    along, across = (np.cos(radians(30.0)), -np.sin(radians(30.0))), (np.sin(radians(30.0)), np.cos(radians(30.0)))
+    np.testing.assert_allclose(places, np.outer(t_s, along) - across, atol=1e-6)
+    assert run.samples("range_1_m")[1].tolist() == [4.0] * len(t_s)
+
+
 def uwb_lines(path: Path, offset_s: float = 0.0) -> Path:
     lines = [f"{UNIX_S + 5 + offset_s + k / 10:.3f} POS,{2 + k / 100:.2f},3.00,0.10,90" for k in range(30)]
     lines[4] = lines[4].replace("POS", "PXS")

@@ -2,11 +2,14 @@
 
 The mean of n samples, d seconds apart, measures the mean of the motion over n d seconds. The thrust may change within
 that time; fits average their model's thrust over the same instants (`around_s`), so that no delay arises. Delays that
-the samples have already are taken out before (`on_time`).
+the samples have already are taken out before (`on_time`). Columns that come at another rate have another n; the thrust
+is averaged as specific force is, which shows it at once.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import lcm
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +20,8 @@ from companion.logs.runs.on_time import on_time
 from companion.logs.runs.run import Run
 
 RATE_HZ = 10.0  # yaw, the fastest motion, has a time constant of about 2 s
+ALIKE = 0.2  # sampling times that differ by a smaller share are the same, up to jitter; assumed
+FORCE = ("ax_m_s2", "ay_m_s2")
 HOLE = 1.5  # a gap longer than this many sampling times ends a mean
 
 
@@ -24,9 +29,10 @@ class Decimated(NamedTuple):
     """A decimated log.
 
     run       the log with means in place of inertial samples
-    width_s   time that each mean spans [s]; 0: the log was left as it is
-    t_s       (m,) stamps of the means
-    around_s  (m, n) offsets of the averaged samples from their mean's stamp [s]; 0 where a gap left fewer than n
+    width_s   time that a mean of specific force spans, or of the first column where none is known [s]; 0: no mean
+    t_s       (m,) stamps of the means, and of samples of columns that were left as they are
+    around_s  (m, n) offsets of the averaged samples from their mean's stamp [s], in order of time, each as often as
+              fills n; 0 where a gap left fewer, and for samples that are no means
     """
 
     run: Run
@@ -38,30 +44,40 @@ class Decimated(NamedTuple):
 def decimated(run: Run, rate_hz: float = RATE_HZ) -> Decimated:
     """`run` with inertial columns averaged to about `rate_hz`; as it is where it has no faster ones."""
     run = on_time(run)
-    # 1. Number of samples of each mean.
-    as_it_is = Decimated(run, 0.0, np.empty(0), np.empty((0, 1)))
+    # 1. Number of samples of each mean, by column.
     columns = [c for c in INERTIAL if run.known(c)]
-    if not columns:
-        return as_it_is
-    stamps = run.samples(columns[0])[0]
-    step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
-    count = round(1 / (rate_hz * step)) if step > 0 else 1
-    if count < 2:
-        return as_it_is
-    # 2. Means of every column, in rows of their own.
-    means = [_means(run, column, count) for column in columns]
-    t_s, first = np.unique(np.concatenate([t for t, _, _ in means]), return_index=True)
-    around_s = np.concatenate([around for _, _, around in means])[first]
-    new = {column: np.full(len(t_s), np.nan) for column in columns}
-    for column, (t, values, _) in zip(columns, means, strict=True):
+    steps = _steps(run, columns)
+    counts = {c: max(1, round(1 / (rate_hz * step))) if step > 0 else 1 for c, step in steps.items()}
+    averaged = [c for c in columns if counts[c] > 1]
+    if not averaged:
+        return Decimated(run, 0.0, np.empty(0), np.empty((0, 1)))
+    # 2. Means of every column, in rows of their own; where several are of one instant, offsets are those of force.
+    means = {column: _means(run, column, counts[column]) for column in columns}
+    force_first, n = sorted(columns, key=lambda c: c not in FORCE), lcm(*counts.values())
+    t_s, first = np.unique(np.concatenate([means[c][0] for c in force_first]), return_index=True)
+    around_s = np.concatenate([np.repeat(means[c][2], n // counts[c], axis=1) for c in force_first])[first]
+    new = {column: np.full(len(t_s), np.nan) for column in averaged}
+    for column in averaged:
+        t, values, _ = means[column]
         new[column][np.searchsorted(t_s, t)] = values
     mine = pl.DataFrame({"t_s": t_s, **new}).fill_nan(None)
     # 3. Merged with the other columns; rows in which nothing is left are dropped.
-    table = run.table.drop(columns).join(mine, on="t_s", how="full", coalesce=True)
+    table = run.table.drop(averaged).join(mine, on="t_s", how="full", coalesce=True)
     held = [c for c in table.columns if c.startswith(HELD)]
     table = table.sort("t_s").with_columns(pl.col(held).forward_fill())
     fewer = Run(_bare(table, held).select(run.table.columns), run.meta, run.whole)
-    return Decimated(fewer, count * step, t_s, around_s)
+    count = counts[force_first[0]]
+    return Decimated(fewer, count * steps[force_first[0]] if count > 1 else 0.0, t_s, around_s)
+
+
+def _steps(run: Run, columns: Sequence[str]) -> dict[str, float]:
+    """Sampling time of each column [s], the same for columns of about the same; 0: a single sample."""
+    steps: dict[str, float] = {}
+    for column in columns:
+        between = np.diff(run.samples(column)[0])
+        own = float(np.median(between)) if len(between) else 0.0
+        steps[column] = next((step for step in steps.values() if abs(own - step) < ALIKE * step), own)
+    return steps
 
 
 def _means(run: Run, column: str, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -35,7 +35,7 @@ from sim.fitting.engine.linearise import FitProblem, Linearised
 from sim.fitting.engine.model import compile_model
 from sim.fitting.engine.noise import STATE, Noise, noise_of
 from sim.fitting.engine.parameters import Parameters
-from sim.fitting.engine.windows import MAX_STEP_S, Windows, cut_windows
+from sim.fitting.engine.windows import CHANNELS, MAX_STEP_S, PSI, Windows, cut_windows
 from sim.fitting.identify.white_noise import white_from_residuals
 
 MEAN_STEP_S = 1.5 / RATE_HZ  # longest step where samples are means: beyond their period, so that jitter splits none
@@ -48,6 +48,7 @@ FARTHEST = 4.0  # longest step, in sigmas of the prior: the linearisation does n
 DECADE = np.log(10.0)
 LATENT_CEILING = 10.0  # times the rms of commanded force over inertia, at the file's gains: no boat's model is worse
 SAME_WHITE, SAME_LATENT = 0.03, 0.3  # relative, logarithmic change of the noise that counts as none; assumed
+SAME_SHARE = 0.1  # relative difference of what decimation leaves of two channels that counts as none; assumed
 Say = Callable[[str, float], None]
 """Progress: text, and share that is done."""
 
@@ -236,9 +237,13 @@ def _windows(fewer: Sequence[Decimated], vessel: VesselFile, window_s: float) ->
 
 def _of_means(noise: Noise, runs: Sequence[Run], fewer: Sequence[Decimated]) -> Noise:
     """White noise of the means that decimation left, from that of single samples: by the root of their number."""
-    logged, left = (sum(len(run.samples("psi_rad")[0]) for run in some) for some in (runs, [f.run for f in fewer]))
-    share = float(np.sqrt(left / logged))
-    psi, r, ax, ay = (share * sigma for sigma in noise.white)
+    logged, left = (
+        [sum(len(run.samples(c)[0]) for run in some) for c in CHANNELS] for some in (runs, [f.run for f in fewer])
+    )
+    shares = [float(np.sqrt(n / of)) if of else 0.0 for n, of in zip(left, logged, strict=True)]
+    # Channels of about the heading's rate have the heading's share: one sample more or less at an end is no difference.
+    shares = [s if s and abs(s / shares[PSI] - 1) > SAME_SHARE else shares[PSI] for s in shares]
+    psi, r, ax, ay = (share * sigma for share, sigma in zip(shares, noise.white, strict=True))
     return replace(noise, white=(psi, r, ax, ay))
 
 

@@ -69,3 +69,46 @@ def test_a_slow_log_stays_as_it_is():
     run = log(10.0, 12.0, 1)
     as_it_is = decimated(run)
     assert as_it_is.run is run and as_it_is.width_s == 0.0
+
+
+SENSOR = ("r_rad_s", "ax_m_s2", "ay_m_s2")
+
+
+def thinned(run: Run, every: int, *columns: str) -> Run:
+    """Each `every`-th inertial row alone has a value of `columns`."""
+    kept = run.samples(columns[0])[0][::every]
+    return Run(
+        run.table.with_columns(pl.when(pl.col("t_s").is_in(kept)).then(pl.col(c)).alias(c) for c in columns), run.meta
+    )
+
+
+def test_a_sensor_that_comes_slowly_beside_a_fast_heading_stays_as_it_is():
+    """ATTITUDE at 50 Hz, RAW_IMU at 10 Hz: a mean of five would span half a second."""
+    run = thinned(log(50.0, 12.0, 1), 5, *SENSOR)
+    fewer, width_s, at, around = decimated(run)
+    for column in SENSOR:
+        for had, has in zip(run.samples(column), fewer.samples(column), strict=True):
+            assert np.array_equal(had, has)
+    assert len(fewer.samples("psi_rad")[0]) == 120 and width_s == 0.0
+    of_force = np.isin(at, fewer.samples("ax_m_s2")[0])
+    assert not around[of_force].any(), "force is no mean, so neither is the thrust that it shows"
+
+
+def test_a_fast_sensor_beside_a_slow_heading_is_averaged():
+    run = thinned(log(50.0, 12.0, 1), 5, "psi_rad")
+    fewer, width_s, _, _ = decimated(run)
+    assert np.array_equal(fewer.samples("psi_rad")[1], run.samples("psi_rad")[1])
+    t, a = fewer.samples("ax_m_s2")
+    assert len(t) == 120 and np.abs(a - 2.0 * t).max() < 1e-9 and abs(width_s - 0.1) < 1e-9
+
+
+def test_offsets_of_two_rates_are_those_of_the_samples():
+    """100 Hz and 33 Hz: means of ten and of three; every offset leads to a sample, all as often."""
+    run = thinned(log(100.0, 12.0, 1), 3, *SENSOR)
+    fewer, width_s, at, around = decimated(run)
+    assert abs(width_s - 0.09) < 1e-9
+    for column, count in (("psi_rad", 10), ("ax_m_s2", 3)):
+        mine, stamps = np.isin(at, fewer.samples(column)[0]), run.samples(column)[0]
+        instants = (at[mine][:-1, None] + around[mine][:-1]).round(9)
+        assert all(len(set(row)) == count and np.isin(row, stamps.round(9)).all() for row in instants)
+        assert np.abs(around[mine][:-1].sum(axis=1)).max() < 1e-9

@@ -1,6 +1,7 @@
 """The structured fit on simulated logs: estimates, intervals, and the identified vessel file."""
 
 import numpy as np
+import polars as pl
 import pytest
 from msgspec.structs import replace
 
@@ -54,6 +55,16 @@ def test_two_minutes_find_the_boat(result: FitResult) -> None:
     ]
     assert not far
     assert all(0.9 < c.rms < 1.1 and abs(c.lag1) < 0.35 for c in result.channels)
+
+
+def test_the_noise_of_a_mean_is_that_of_its_own_channel(run: Run) -> None:
+    """30 samples of heading a second become ten, ten of the IMU stay as they are."""
+    kept = run.samples("r_rad_s")[0][::3]
+    slow = [pl.when(pl.col("t_s").is_in(kept)).then(pl.col(c)).alias(c) for c in ("r_rad_s", "ax_m_s2", "ay_m_s2")]
+    mixed = StructuredFit([Run(run.table.with_columns(slow), run.meta)], PRIOR, FitSettings(window_s=2.0)).stated
+    single = noise_of(PRIOR)
+    assert mixed.white[0] == pytest.approx(single.white[0] / np.sqrt(3.0), rel=0.01)
+    assert mixed.white[1:] == single.white[1:]
 
 
 @pytest.mark.long

@@ -16,7 +16,6 @@ from companion.core.configuration.tables import ConfigError, digest
 from companion.core.configuration.vessel_file import Thruster, VesselFile
 from companion.core.constants import PACK_SHARES
 from companion.core.excitation.file import load_excitation
-from companion.core.excitation.flight import Flight
 from companion.core.geometry.anchors import hdop, in_a_line
 from companion.core.geometry.frames import Origin
 from companion.core.guidance.missions.fitness import unfit_waypoints
@@ -81,24 +80,19 @@ def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> RunSetup:
     mission = _mission(texts[role], names[role], site)
     for problem in _problems(run, vessel, names):
         raise ConfigError(problem)
-    excitation = None
-    if role := next((role for role in texts if role == "excitation.toml"), None):
-        excitation = load_excitation(texts[role], name=names[role])
-        Flight(excitation, vessel, site, name=names[role])  # says what does not fit
-    return RunSetup(
-        run,
-        PilotSettings(
-            vessel,
-            site,
-            mission,
-            run.control,
-            guidance_for(vessel),
-            excitation=excitation,
-            battery=run.battery,
-            system_id=run.mavlink.system_id,
-        ),
-        texts,
+    text, name = texts.get("excitation.toml"), names.get("excitation.toml", "")
+    pilot = PilotSettings(
+        vessel,
+        site,
+        mission,
+        run.control,
+        guidance_for(vessel),
+        excitation=None if text is None else load_excitation(text, name=name),
+        battery=run.battery,
+        system_id=run.mavlink.system_id,
     )
+    pilot.flight(name)  # says what does not fit
+    return RunSetup(run, pilot, texts)
 
 
 def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Iterator[str]:

@@ -28,7 +28,6 @@ from companion.cli.simulator.world_options import add_world_arguments, world_set
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import load_excitation
-from companion.core.excitation.pen import Pen
 
 if TYPE_CHECKING:
     from sim.commission.boats import Boat
@@ -139,7 +138,7 @@ def _boat(args: argparse.Namespace, setup: RunSetup) -> Boat:
         given += [("--device", f"{key}={url}") for key, url in args.device]
         return RealBoat(tuple(word for option, url in given if url for word in (option, url)), fly_on)
     if args.start is None:
-        args.start = (*map(float, Pen(setup.pilot.site).middle), 0.0)
+        args.start = (*map(float, setup.pilot.pen.middle), 0.0)
     true = load_vessel(text_of(args.simulate), name=str(args.simulate))
     if len(true.controls) != len(setup.pilot.vessel.controls):
         controls = len(true.controls), len(setup.pilot.vessel.controls)

@@ -203,7 +203,7 @@ def fly(args: argparse.Namespace, console: Console) -> int:
 
     setup = _setup(args, args.plan)
     if args.start is None:
-        args.start = (*map(float, Pen(setup.pilot.site).middle), 0.0)
+        args.start = (*map(float, setup.pilot.pen.middle), 0.0)
     world = world_setup(args, setup)
     new_in_folder(args.out, FLOWN)
     begin_unix_ns = time.time_ns()
@@ -228,7 +228,7 @@ def fly(args: argparse.Namespace, console: Console) -> int:
         )
         names = [t.name for t in setup.pilot.vessel.thrusters]
         shown = picture.flight_trace(flown.truths, flown.statuses)
-        picture.draw_flight(shown, _planned(setup), setup.pilot.site, names, title, args.out / "picture.png")
+        picture.draw_flight(shown, _planned(setup), setup.pilot.pen, names, title, args.out / "picture.png")
     console.print(f"{flown.ending}; wrote {run}, {truth}", highlight=False, markup=False, soft_wrap=True)
     return DONE if flown.done else FAILED
 
@@ -282,4 +282,5 @@ def _picture_of_plan(flown, plan: Excitation, setup: RunSetup, path: Path) -> No
     far = f"{flown.least_clearance_m:.1f} m from the fence at least"
     title = f"{plan.name}: {flown.duration_s:.0f} s by the vessel file's own boat, {far}"
     names = [t.name for t in setup.pilot.vessel.thrusters]
-    picture.draw_flight(picture.flight_trace(flown.truths, flown.statuses), plan, setup.pilot.site, names, title, path)
+    pen = Pen(setup.pilot.site)  # a nominal flight knows no other fence
+    picture.draw_flight(picture.flight_trace(flown.truths, flown.statuses), plan, pen, names, title, path)

@@ -74,7 +74,7 @@ class SimulatedBoat:
         """See `Boat`."""
         setup = setup_of(files, {name: f"{folder / name}" for name in files})
         number = int(folder.name[:2])
-        world = replace(self.world, start=self._start(folder.parent))
+        world = replace(self.world, start=self._start(folder.parent, setup.pilot.pen))
         excite = setup.pilot.excitation is not None
         pilot = Pilot(setup.pilot)
         solve = no_plan if excite else stepped_controller(setup.pilot).solve
@@ -98,9 +98,9 @@ class SimulatedBoat:
         """Always: somebody is there, brings it back where that is needed, and goes on."""
         return True
 
-    def _start(self, flights: Path) -> tuple[float, float, float]:
+    def _start(self, flights: Path, pen: Pen) -> tuple[float, float, float]:
         last = _last_place(flights)
-        if last is None or float(Pen(self.world.site).clearance(np.array([last[:2]]))[0]) < NEAR_M:
+        if last is None or float(pen.clearance(np.array([last[:2]]))[0]) < NEAR_M:
             return self.world.start
         return last
 

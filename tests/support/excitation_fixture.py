@@ -19,6 +19,7 @@ from companion.core.excitation.file import (
     load_excitation,
 )
 from companion.core.excitation.flight import BEGINNING, Flight
+from companion.core.geometry.fence import ANYWHERE
 from companion.core.messages import ExcitationStatus
 from sim.world.environment import Environment, Weather
 from sim.world.plant import Plant, perturbed
@@ -84,12 +85,22 @@ class Flown:
 
 
 def flown(
-    excitation, *, site=BASIN, name="aritra", seed=0, share=0.0, weather=None, error_m=0.0, limit_s=400.0, eta=None
+    excitation,
+    *,
+    site=BASIN,
+    name="aritra",
+    seed=0,
+    share=0.0,
+    weather=None,
+    error_m=0.0,
+    limit_s=400.0,
+    eta=None,
+    others=ANYWHERE,
 ):
     """Flight of a boat off the file by up to `share`, told a place that wanders by `error_m` (one sigma)."""
     vessel, rng = boat(name), np.random.default_rng(seed)
     true = perturbed(vessel, rng, share) if share else vessel
-    flight = Flight(excitation, vessel, site, name="test.toml")
+    flight = Flight(excitation, vessel, site, name="test.toml", others=others)
     start = (*flight.pen.middle, rng.uniform(-3, 3)) if eta is None else eta
     plant = Plant(true, np.array([*start, 0, 0, 0]), step_ns=STEP_NS, voltage_v=15.6)
     world = Environment(weather or Weather(), rng)

@@ -2,6 +2,7 @@
 
     home --within return_m of the middle--> fly --segment over--> home --> ... --> done
     fly --could not be stopped within the margin any more--> home, then the rest of the same segment
+    home --a fence of the mission stands between the boat and the middle--> failed
     without `homing`: no forces at home, which is wherever the boat is; too near to the fence: failed
     any --called again after a break--> home;    home --for longer than HOME_LIMIT_S--> failed
 
@@ -24,6 +25,7 @@ from companion.core.control.allocation import allocate, force_limits
 from companion.core.excitation.file import Excitation
 from companion.core.excitation.pen import Pen, stopping_distance_m
 from companion.core.excitation.signal import axis_reach, signals
+from companion.core.geometry.fence import ANYWHERE, Fence
 from companion.core.geometry.frames import rotate, ssa, unrotate
 from companion.core.messages import ExcitationStatus
 from companion.core.model.manoeuvring import mass_matrix
@@ -72,10 +74,13 @@ BEGINNING = FlightState()
 
 
 class Flight:
-    """One excitation for one vessel at one site. Raises ConfigError where they do not fit together."""
+    """One excitation for one vessel at one site. Raises ConfigError where they do not fit together.
 
-    def __init__(self, excitation: Excitation, vessel: VesselFile, site: Site, *, name: str):
-        self.excitation, self.pen = excitation, Pen(site)
+    `name`: of the excitation file; `others`: the mission's fences.
+    """
+
+    def __init__(self, excitation: Excitation, vessel: VesselFile, site: Site, *, name: str, others: Fence = ANYWHERE):
+        self.excitation, self.pen = excitation, Pen(site, others)
         self.pen.check(excitation.margin_m, excitation.return_m, name=name)
         self.signals = signals(excitation, vessel, name=name)
         self._vessel, self._M, self._limits = vessel, np.diag(mass_matrix(vessel)), force_limits(vessel)
@@ -129,7 +134,7 @@ class Flight:
         if state.phase == "fly":
             return self._fly(replace(state, elapsed_s=state.elapsed_s + dt), eta, nu, spread_m)
         if state.phase == "home":
-            return self._go_home(replace(state, home_s=state.home_s + dt), eta, nu)
+            return self._go_home(replace(state, home_s=state.home_s + dt), eta, nu, spread_m)
         return state, ""
 
     def _fly(self, state: FlightState, eta: np.ndarray, nu: np.ndarray, spread_m: float) -> tuple[FlightState, str]:
@@ -154,11 +159,15 @@ class Flight:
                 state = replace(state, side=-state.side)
         return state, ""
 
-    def _go_home(self, state: FlightState, eta: np.ndarray, nu: np.ndarray) -> tuple[FlightState, str]:
+    def _go_home(self, state: FlightState, eta: np.ndarray, nu: np.ndarray, spread_m: float) -> tuple[FlightState, str]:
         if state.home_s > HOME_LIMIT_S:
             text = f"excitation ended: not back at the middle after {HOME_LIMIT_S:g} s"
             return replace(state, phase="failed"), text
         if self.excitation.homing and not self._is_near(eta):
+            if self.pen.way_back(eta[:2]) <= spread_m:
+                north, east = self.pen.middle
+                text = f"a fence of the mission is on the way to the middle (north {north:.1f}, east {east:.1f} m)"
+                return replace(state, phase="failed"), f"excitation ended: {text}: bring the boat past it"
             return state, ""
         if state.segment < len(self.signals):
             return self._begin(state, eta)
@@ -176,13 +185,17 @@ class Flight:
         return f"segment {segment + 1} of {len(self.signals)}, {self.excitation.segments[segment].name},"
 
     def room_m(self, eta: np.ndarray, nu: np.ndarray, f_n: np.ndarray) -> float:
-        """Clearance [m] that is left when the boat, now under forces `f_n`, is stopped; also on its way."""
+        """Clearance [m] that is left when the boat, now under forces `f_n`, is stopped; also on its way, and of the
+        mission's fences on the way back.
+        """
         push = (self._B @ f_n)[:2] if len(f_n) else np.zeros(2)
         soon = nu[:2] + REACTION_S * push / self._M[:2]
         speed = np.where(np.abs(soon) > np.abs(nu[:2]), soon, nu[:2])
         ahead, side = (self._stop_m(i, float(w)) for i, w in enumerate(speed))
         place = np.asarray(eta[:2], dtype=float)
-        return self.pen.least_clearance(place, place + rotate(float(eta[2]), ahead, side))
+        stopped = place + rotate(float(eta[2]), ahead, side)
+        room = self.pen.least_clearance(place, stopped)
+        return min(room, self.pen.way_back(stopped)) if self.excitation.homing and not self._is_near(stopped) else room
 
     def _stop_m(self, axis: int, speed: float) -> float:
         """How far the boat goes along x (axis 0) or y (1) until it rests [m], with the sign of its speed."""

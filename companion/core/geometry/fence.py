@@ -41,8 +41,20 @@ class Fence:
 
     def clearance(self, north_m: float, east_m: float) -> float:
         """Distance [m] to the nearest fence, negative beyond it."""
-        place = np.array([[north_m, east_m]])
-        return float(min(sign * clearance(corners, place)[0] for sign, corners in self._signed))
+        return float(self.clearances(np.array([[north_m, east_m]]))[0])
+
+    def clearances(self, places: np.ndarray) -> np.ndarray:
+        """Clearance of places (m, 2), shape (m,) [m]; without any polygon inf."""
+        far = np.full(len(places), np.inf)
+        return np.min([far, *(sign * clearance(corners, places) for sign, corners in self._signed)], axis=0)
+
+    def least_clearance(self, start: tuple[float, float], end: tuple[float, float]) -> float:
+        """Smallest clearance on the straight line between two different places [m]; <= 0 where it touches a fence."""
+        line = np.array([start, end])
+        ends = float(self.clearances(line).min())
+        if self.is_crossed(start, end):
+            return min(ends, 0.0)
+        return min([ends, *(float(abs(clearance(line, corners)).min()) for _sign, corners in self._signed)])
 
     def is_crossed(self, start: tuple[float, float], end: tuple[float, float]) -> bool:
         """Whether the straight line between two places (north, east) [m] touches a fence."""
@@ -57,6 +69,10 @@ class Fence:
         for corners in self.without:
             found.append(_negative(_least(_levels(np.array(corners), minimum), minimum)))
         return tuple(found)
+
+
+ANYWHERE = Fence(())
+"""No polygon."""
 
 
 def clearance(corners: np.ndarray, places: np.ndarray) -> np.ndarray:

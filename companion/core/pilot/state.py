@@ -12,7 +12,8 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.control.nmpc import NmpcSettings
 from companion.core.estimation.estimator import EstimatorState
 from companion.core.excitation.file import Excitation
-from companion.core.excitation.flight import BEGINNING, FlightState
+from companion.core.excitation.flight import BEGINNING, Flight, FlightState
+from companion.core.excitation.pen import Pen
 from companion.core.geometry.fence import Fence
 from companion.core.guidance import guidance
 from companion.core.guidance.guidance import GuidanceSettings, GuidanceState
@@ -46,8 +47,21 @@ class PilotSettings:
     @property
     def fence(self) -> Fence:
         """The site's fence and the mission's."""
-        within = (self.site.fence, *(f.polygon for f in self.mission.fences if f.inclusion))
-        return Fence(within, tuple(f.polygon for f in self.mission.fences if not f.inclusion))
+        others = self.pen.others
+        return Fence((self.site.fence, *others.within), others.without)
+
+    @property
+    def pen(self) -> Pen:
+        """The same for an excitation."""
+        within = tuple(f.polygon for f in self.mission.fences if f.inclusion)
+        return Pen(self.site, Fence(within, tuple(f.polygon for f in self.mission.fences if not f.inclusion)))
+
+    def flight(self, name: str = "") -> Flight | None:
+        """The excitation, if there is one, for this boat and water. `name`: of its file. Raises ConfigError."""
+        if self.excitation is None:
+            return None
+        name = name or self.excitation.name
+        return Flight(self.excitation, self.vessel, self.site, name=name, others=self.pen.others)
 
 
 @dataclass(frozen=True)

@@ -59,9 +59,7 @@ class ThrustCommander:
         vessel = settings.vessel
         self._n = len(vessel.controls)
         self._still = (NEUTRAL_US,) * (len(channels) - self._n)
-        self._flight: Flight | None = None
-        if excitation := settings.excitation:
-            self._flight = Flight(excitation, vessel, settings.site, name=excitation.name)
+        self._flight = settings.flight()
         self._sticks, self._limits = manual_control.StickForce(vessel), control_limits(vessel)
         self._latency_ns = round(settings.control.latency_s * 1e9)
         self._ahead_ns = self._latency_ns + round(max(c.dead_time_s for c in channels_of(vessel)) * 1e9)

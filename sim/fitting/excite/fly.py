@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from companion.boat.load_run import RunSetup
-from companion.core.excitation.pen import Pen
 from companion.core.messages import Alert, ExcitationStatus, GroundTruth, Message
 from companion.core.pilot.pilot import Pilot
 from sim.world.stepped import SteppedRun
@@ -74,7 +73,7 @@ def fly(
     run.run(lambda _: False, AFTER_S)
     statuses, truths = tuple(run.of(ExcitationStatus)), tuple(run.of(GroundTruth))
     track = np.array([(m.north_m, m.east_m) for m in truths])
-    clearance = float(Pen(setup.pilot.site).clearance(track).min())
+    clearance = float(setup.pilot.pen.clearance(track).min())
     done = bool(statuses) and statuses[-1].phase == "done"
     return FlownExcitation(tuple(logged), done, ending, clearance, statuses, truths)
 

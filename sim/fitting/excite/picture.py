@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from companion.core.configuration.site_file import Site
 from companion.core.excitation.file import Excitation
 from companion.core.excitation.pen import Pen
 from companion.core.messages import ExcitationStatus, GroundTruth
@@ -51,7 +50,7 @@ def flight_trace(truths: Sequence[GroundTruth], statuses: Sequence[ExcitationSta
 
 
 def draw_flight(
-    flight: FlightTrace, excitation: Excitation, site: Site, thrusters: Sequence[str], title: str, path: Path
+    flight: FlightTrace, excitation: Excitation, pen: Pen, thrusters: Sequence[str], title: str, path: Path
 ) -> None:
     """Write the picture as PNG. Raises OSError."""
     colours = mpl.colormaps[MAP]
@@ -60,7 +59,7 @@ def draw_flight(
     with mpl.rc_context({"font.size": 8, "axes.spines.top": False, "axes.spines.right": False}):
         figure = Figure(figsize=(13, 7.5), layout="constrained")
         grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1))
-        _track(figure.add_subplot(grid[:, 0]), flight, excitation, site, colour)
+        _track(figure.add_subplot(grid[:, 0]), flight, excitation, pen, colour)
         axes = [figure.add_subplot(grid[row, 1]) for row in range(3)]
         for column, (label, tint) in enumerate(zip(("u [m/s]", "v [m/s]"), AXES, strict=False)):
             axes[0].plot(flight.t_s, flight.x[:, 3 + column], color=tint, lw=0.9, label=label)
@@ -76,9 +75,10 @@ def draw_flight(
         figure.savefig(path, dpi=110)
 
 
-def _track(ax: Any, flight: FlightTrace, excitation: Excitation, site: Site, colour: Sequence[Any]) -> None:
-    corners, pen = np.array([*site.fence, site.fence[0]]), Pen(site)
-    ax.plot(corners[:, 1], corners[:, 0], color="#222222", lw=1.0, ls=":", label="fence")
+def _track(ax: Any, flight: FlightTrace, excitation: Excitation, pen: Pen, colour: Sequence[Any]) -> None:
+    for i, fence in enumerate((pen.site.fence, *pen.others.within, *pen.others.without)):
+        corners = np.array([*fence, fence[0]])
+        ax.plot(corners[:, 1], corners[:, 0], color="#222222", lw=1.0, ls=":", label=None if i else "fence")
     north, east = pen.middle
     ax.add_patch(Circle((east, north), excitation.return_m, fill=False, ec=FAINT, lw=0.6, label="the middle"))
     labelled = set()

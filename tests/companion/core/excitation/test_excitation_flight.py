@@ -12,6 +12,7 @@ from companion.core.control.allocation import force_limits
 from companion.core.excitation.file import Idle, Steps, Zigzag
 from companion.core.excitation.flight import BEGINNING, HOME_LIMIT_S, Flight
 from companion.core.excitation.pen import Pen, stopping_distance_m
+from companion.core.geometry.fence import Fence
 from sim.world.environment import Weather
 from tests.support.excitation_fixture import BASIN, LIBRARY, feasible, flown, of, square
 from tests.support.vessel_fixtures import boat
@@ -64,6 +65,18 @@ def test_a_fence_that_is_too_small_or_hides_its_corners_is_refused():
         Flight(LIBRARY, boat("aritra"), Site(name="u", lat_deg=0, lon_deg=0, fence=u, source="assumed"), name="x.toml")
 
 
+def test_the_middle_keeps_off_a_zone_of_the_mission_and_a_pen_without_room_is_refused():
+    zone = Fence((), (((10.0, 10.0), (20.0, 10.0), (20.0, 20.0), (10.0, 20.0)),))
+    pen = Pen(BASIN, zone)
+    clear_m = float(pen.clearance(pen.middle[None])[0])
+    assert 5.0 < clear_m <= min(Fence((BASIN.fence,)).clearance(*pen.middle), zone.clearance(*pen.middle))
+    inner = Pen(BASIN, Fence((((20.0, 20.0), (28.0, 20.0), (28.0, 28.0), (20.0, 28.0)),)))
+    assert inner.middle == pytest.approx([24.0, 24.0], abs=0.1)
+    wide = Fence((), (((4.0, 4.0), (26.0, 4.0), (26.0, 26.0), (4.0, 26.0)),))
+    with pytest.raises(ConfigError, match=r"x.toml: margin_m .* those of the mission no place is more than 1\.9 m"):
+        Flight(LIBRARY, boat("aritra"), BASIN, name="x.toml", others=wide)
+
+
 # --- the flight --------------------------------------------------------------------------------------------
 
 
@@ -114,6 +127,29 @@ def test_a_zigzag_swings_by_its_angle_to_both_sides():
     psi = np.array([x[2] for x, s in zip(flight.x, flight.statuses, strict=True) if s.phase == "fly"])
     off = np.rad2deg(psi - psi[0])
     assert 15 < off.max() < 90 and -90 < off.min() < -15
+
+
+POST = Fence((), (((19.0, 14.0), (20.0, 14.0), (20.0, 16.0), (19.0, 16.0)),))
+"""Two metres wide, in view of the middle, which is at north 10.2, east 10.2 m with it."""
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
+def test_a_boat_a_third_off_its_file_keeps_out_of_a_zone_of_the_mission_and_comes_home(seed):
+    flight = flown(WILD, seed=seed, share=0.33, error_m=0.2, others=POST)
+    assert flight.statuses[-1].phase == "done" and flight.clearance_m > WILD.margin_m - 0.4
+    assert any("turned back" in note for note in flight.notes)
+
+
+def test_it_does_not_go_home_through_a_zone_and_starts_nothing_behind_one():
+    behind = flown(WILD, eta=(26.0, 18.0, 0.0), others=POST)
+    assert behind.notes == [
+        "excitation ended: a fence of the mission is on the way to the middle (north 10.2, east 10.2 m): "
+        "bring the boat past it"
+    ]
+    assert not behind.f_n.any() and behind.statuses[-1].phase == "failed"
+    flight = Flight(WILD, boat("aritra"), BASIN, name="x", others=POST)
+    rooms = [flight.room_m(np.array([25.0, east, 0.0]), np.zeros(3), np.zeros(4)) for east in (18.0, 26.0)]
+    assert rooms[0] <= 0.0 and rooms[1] > 1.5, "no room where a zone is between the boat and the middle"
 
 
 def test_who_cannot_come_home_gives_up_in_neutral():

@@ -96,6 +96,19 @@ def test_what_to_stay_out_of_counts_the_other_way_round():
         assert (least > 0) == (room > 0) and least == pytest.approx(room, abs=0.7)
 
 
+@QUICK
+@given(st.data())
+def test_the_least_clearance_on_a_line_is_that_of_its_nearest_place(data):
+    """Oracle: clearances 15 mm apart."""
+    fence = Fence((HOOK,), without=(((8.0, 1.0), (9.0, 1.0), (8.5, 2.5)),))
+    start, end = (data.draw(st.tuples(st.floats(0.1, 9.9), st.floats(0.1, 5.9))) for _ in range(2))
+    assume(np.hypot(*np.subtract(end, start)) > 0.1)
+    places = np.array(start) + np.linspace(0, 1, 801)[:, None] * np.subtract(end, start)
+    least = fence.clearances(places).min()
+    found = fence.least_clearance(start, end)
+    assert found == pytest.approx(least, abs=0.02) or (found <= 0.0 and least < 0.02)
+
+
 @pytest.mark.parametrize(
     ("corners", "edges"),
     [

@@ -7,11 +7,20 @@ import pytest
 
 from companion.boat.load_run import setup_of
 from companion.core.excitation.file import Idle, Steps, excitation_toml
-from companion.core.messages import Alert, ExcitationStatus, OperatorCommand, OverrideLease, SolveRequest, Tick
+from companion.core.messages import (
+    Alert,
+    ExcitationStatus,
+    GroundTruth,
+    OperatorCommand,
+    OverrideLease,
+    SolveRequest,
+    Tick,
+)
 from companion.core.pilot.pilot import Pilot
 from sim.world.stepped import PEER, SteppedRun
+from sim.world.stepped_controller import no_plan
 from sim.world.world import World, WorldSetup
-from tests.support.drive_fixture import nmpc, setup
+from tests.support.drive_fixture import mission_text, nmpc, setup
 from tests.support.excitation_fixture import of
 
 PLAN = of(
@@ -131,6 +140,22 @@ def test_without_the_tag_it_waits_in_neutral_then_stops():
     run.world.silent_uwb = True
     assert run.run(lambda r: r.state.helm.mode == "safe", 60.0)
     assert "degraded for more than" in run.state.helm.why
+
+
+def test_it_keeps_out_of_what_the_mission_fences_off():
+    """A zone where the site's own middle is, between the boat and the only water that is wide enough."""
+    zone = "[[fences]]\ninclusion = false\npolygon = [[10, 10], [20, 10], [20, 20], [10, 20]]\n"
+    texts = {
+        **setup(None).files,
+        "mission.toml": mission_text(((4.0, 4.0), (4.0, 26.0))) + zone,
+        "excitation.toml": excitation_toml(PLAN),
+    }
+    fenced = Pilot(setup_of(texts, {name: name for name in texts}).pilot)
+    world = World(WorldSetup(fenced.settings.vessel, fenced.settings.site, start=(4.0, 4.0, 0.0)), 1)
+    run = SteppedRun(world, fenced, no_plan, begin="excite")
+    assert run.run(lambda r: (r.state.flight.phase, r.state.flight.segment) == ("fly", 1), 60.0)
+    track = np.array([(m.north_m, m.east_m) for m in run.of(GroundTruth)])
+    assert fenced.settings.fence.clearances(track).min() > 1.0
 
 
 def test_excite_without_an_excitation_is_told_and_changes_nothing():

@@ -122,7 +122,8 @@ class Commissioning:
     def _stage(self, stage: Stage, belief: BoatBelief) -> BoatBelief:
         """Fly a stage until it is over; what is believed then."""
         while True:
-            flown = sum(name == stage.name and record.seconds > 0 for name, record in self._records())
+            own = [record for name, record in self._records() if name == stage.name]
+            flown = sum(record.done if stage is PROVEN else record.seconds > 0 for record in own)
             left_s = 60 * self.task.minutes - self._spent_s() - RESERVE_S * (stage is not PROVEN)
             proposal = propose(
                 stage, belief, self.task.library, self.task.site, left_s, flown, self._yielded(), self._status
@@ -157,9 +158,11 @@ class Commissioning:
         """The file to believe, and missions with the first and with it."""
         assert belief.fit is not None
         files = {BEGINNING: belief.first, IDENTIFIED: belief.vessel}
-        flown = [f for f in self.journal.flights() if stage_of(f) == PROVEN.name]
+        records = ((folder, self.journal.record(folder)) for folder in self.journal.flights())
+        flown = [folder for folder, record in records if record and record.done and stage_of(folder) == PROVEN.name]
         if not flown:
-            return self._outcome(belief, belief.vessel, False, "no time was left for the proof")
+            why = "no time was left for a whole proof: give the same command with more --minutes"
+            return self._outcome(belief, belief.vessel, False, why)
         try:
             run = read_run(flown[-1] / LOG, ReadOptions(belief.first, self.task.site))
             found = self._causes(belief, run)
@@ -167,7 +170,7 @@ class Commissioning:
                 files[EXTENDED] = found.vessel
             judged = proof(files, run, belief.fit, belief.vessel)
         except (LogError, ValueError) as error:
-            return self._outcome(belief, belief.vessel, False, f"the proof cannot be used: {error}")
+            return self._outcome(belief, belief.vessel, False, f"the proof cannot be used: {flown[-1].name}: {error}")
         best = files[judged.best]
         self._say(f"diagnosis: {'; '.join(found.lines) or 'nothing else is wrong'}")
         errors = ", ".join(f"{name} {error:.1%}" for name, error in judged.errors.items())

@@ -27,6 +27,8 @@ from sim.fitting.validate.study import validate
 from sim.world.score import track_of, tracking
 
 HORIZON_S, STRIDE_S = 20.0, 2.0
+LEAST_S = HORIZON_S + 4 * STRIDE_S
+"""Of manoeuvres that prove anything: five whole horizons; assumed. A boat at rest is foretold by any file."""
 BETTER = 0.9
 """A file takes the place of another from this ratio of their errors on; assumed: on one flight less is chance. With
 0.97 a false cause (centre of gravity) gained 7 % on the proof, and the mission was driven worse."""
@@ -41,10 +43,17 @@ class Proof:
 
 
 def proof(files: Mapping[str, VesselFile], run: Run, fit: FitResult, measured_by: VesselFile) -> Proof:
-    """Judge `files` on the run; the first is believed until another is better. ValueError: the run is too short.
+    """Judge `files` on the run; the first is believed until another is better. ValueError: too short a run.
 
     `measured_by`: the file whose sensors are taken to have measured the run, for all of them: no file judges itself.
     """
+    changed_s = run.commands()[0][1:]  # after those that it began with
+    flown_s = float(np.ptp(changed_s)) if len(changed_s) else 0.0
+    if flown_s < LEAST_S:
+        raise ValueError(
+            f"its manoeuvres last {flown_s:.0f} s, and {LEAST_S:g} s are needed: take a --library with a longer "
+            "zig-zag and multisine, remove that folder and give the same command again"
+        )
     models = [VesselSimulator(name, in_surroundings(vessel, fit)) for name, vessel in files.items()]
     held_out, noise = [HeldOut(calibrated(run, measured_by))], SmootherNoise.of(measured_by)
     found = validate(models, held_out, measured_by, noise, horizon_s=HORIZON_S, stride_s=STRIDE_S)

@@ -93,7 +93,8 @@ def propose(
 ) -> Proposal:
     """The next flight of a stage. `flown`: flights of it so far; `left_s`: time that is left for it.
 
-    `yielded`: what flights so far told, over what was expected: a boat is not quite its model.
+    Of the proof only flights that were done count. `yielded`: what flights so far told, over what was expected: a boat
+    is not quite its model.
     """
     if stage is SIGNS:
         return _signs(belief, library, flown, left_s)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -57,6 +57,16 @@ class RunSetup:
 
 def load_setup(path: Path, *, mission: Path | None = None, excitation: Path | None = None) -> RunSetup:
     """Read a run file and what it names (relative to itself); `mission`, `excitation` instead. Raises ConfigError."""
+    texts, names = read_texts(path, mission=mission, excitation=excitation)
+    setup = setup_of(texts, names)
+    refuse_unfit(setup, names)
+    return setup
+
+
+def read_texts(
+    path: Path, *, mission: Path | None = None, excitation: Path | None = None
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Texts of a run file and of what it names, by role, and the paths of these files. Raises ConfigError."""
     run = load_run(_read(path), name=str(path))
     paths = {"vessel.toml": path.parent / run.vessel, "site.toml": path.parent / run.site}
     plan = mission or path.parent / run.mission
@@ -65,10 +75,7 @@ def load_setup(path: Path, *, mission: Path | None = None, excitation: Path | No
         paths["excitation.toml"] = excitation or path.parent / (run.excitation or "")
     named = {path.parent / file: f"{path}: {key}: " for key in FILES if (file := getattr(run, key)) is not None}
     texts = {"run.toml": _read(path), **{role: _read(p, named.get(p, "")) for role, p in paths.items()}}
-    setup = setup_of(texts, {"run.toml": str(path), **{role: str(p) for role, p in paths.items()}})
-    for problem in _beyond(setup.pilot):
-        raise ConfigError(f"{plan}: {problem}")
-    return setup
+    return texts, {"run.toml": str(path), **{role: str(p) for role, p in paths.items()}}
 
 
 def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> RunSetup:
@@ -76,7 +83,7 @@ def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> RunSetup:
     run = load_run(texts["run.toml"], name=names["run.toml"])
     vessel = load_vessel(texts["vessel.toml"], name=names["vessel.toml"])
     site = load_site(texts["site.toml"], name=names["site.toml"])
-    (role,) = (role for role in texts if role.startswith("mission"))
+    role = _role_of_mission(texts)
     mission = _mission(texts[role], names[role], site)
     for problem in _problems(run, vessel, names):
         raise ConfigError(problem)
@@ -182,15 +189,22 @@ def warnings(setup: RunSetup) -> list[str]:
     return texts
 
 
-def _beyond(pilot: PilotSettings) -> Iterator[str]:
-    """Waypoints beyond the fence of site and mission, and corners that the boat cannot round.
+def refuse_unfit(setup: RunSetup, names: Mapping[str, str]) -> None:
+    """Raise ConfigError for a waypoint beyond the fence of site and mission, or a corner that the boat cannot round.
 
-    Not asked of a log, whose mission may hold such: waypoints were only warned of once.
+    `names`: what to call each file. Not asked of a log, whose mission may hold such: they were only warned of once.
     """
+    pilot = setup.pilot
     for i, what in unfit_waypoints(pilot.mission, pilot.fence, pilot.guidance):
         w = pilot.mission.path.waypoints[i]
         fence = ": move it, or the fence of the site or the mission" if what.endswith("the fence") else ""
-        yield f"waypoint {i + 1} at north {w.north_m:g}, east {w.east_m:g} m {what}{fence}"
+        where = f"waypoint {i + 1} at north {w.north_m:g}, east {w.east_m:g} m"
+        raise ConfigError(f"{names[_role_of_mission(names)]}: {where} {what}{fence}")
+
+
+def _role_of_mission(roles: Iterable[str]) -> str:
+    (role,) = (role for role in roles if role.startswith("mission"))
+    return role
 
 
 def _geometry(site: Site) -> Iterator[str]:

@@ -80,12 +80,14 @@ def commission(args: argparse.Namespace, console: Console | None = None) -> int:
         return refuse("commission", f"{error}; {how_to_install('analysis')} brings what it needs")
     console = console or Console()
     setup = _setup(args)
+    library = load_excitation(text_of(args.library), name=str(args.library))
+    setup.pilot.pen.check(library.margin_m, library.return_m, name=str(args.library))
     task = CommissionTask(
         files={**setup.files, "run.toml": _beside(setup, args.config.parent)},
         vessel=setup.pilot.vessel,
         site=setup.pilot.site,
         points=tuple(setup.pilot.mission.path.points),
-        library=load_excitation(text_of(args.library), name=str(args.library)),
+        library=library,
         minutes=args.minutes,
         date=now_utc()[:10],
     )

@@ -236,7 +236,7 @@ def fly(args: argparse.Namespace, console: Console) -> int:
 def _setup(args: argparse.Namespace, plan: Path | None = None) -> RunSetup:
     """The run file's setup with the vessel, site and plan of the command line. Raises ConfigError."""
     instead = {"vessel.toml": args.vessel, "site.toml": args.site, "excitation.toml": plan}
-    return setup_instead(args.config, instead, "excitations")
+    return setup_instead(args.config, instead, "excitations", driven=False)
 
 
 def _planned(setup: RunSetup) -> Excitation:

@@ -1,5 +1,6 @@
 """`aritra commission`: what it refuses, in a sentence, before anything moves; and one flight on real wires."""
 
+import re
 import shutil
 import signal
 import threading
@@ -12,6 +13,8 @@ import pytest
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.cli.commission import fly_on
 from companion.cli.interrupts import ended_as_by_ctrl_c
+from companion.cli.options.setup import setup_instead
+from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import Excitation, Pulses, excitation_toml
 from companion.core.messages import ExcitationStatus
 from companion.logs.log_file import LogFile
@@ -21,6 +24,7 @@ from sim.commission.boats import RealBoat
 from sim.commission.journal import LOG
 from tests.companion.command_line import exit_code
 from tests.support.boat_processes import boat_processes
+from tests.support.drive_fixture import mission_text
 
 BOATS = EXAMPLES / "boats"
 
@@ -38,6 +42,37 @@ def test_a_boat_with_servos_is_refused(tmp_path, capsys):
 def test_a_simulated_boat_with_other_thrusters_is_refused(tmp_path, capsys):
     told = refused(capsys, "--simulate", BOATS / "blueboat.toml", "--out", tmp_path / "c")
     assert "--simulate" in told and "as many thrusters" in told
+
+
+def with_fence(folder, side_m: float) -> Path:
+    """The demo's site with a square fence from 0 to `side_m`."""
+    corners = f"[[0.0, 0.0], [{side_m}, 0.0], [{side_m}, {side_m}], [0.0, {side_m}]]"
+    text = re.sub(r"fence = .*", f"fence = {corners}", (EXAMPLES / "sites" / "basin.toml").read_text())
+    (path := folder / f"square-{side_m:g}.toml").write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("words", [(), ("--simulate", BOATS / "aritra.toml")], ids=["boat", "simulated"])
+def test_a_mission_that_does_not_fit_the_site_of_the_command_line_is_refused_at_once(words, tmp_path, capsys):
+    told = refused(capsys, "--site", with_fence(tmp_path, 12.0), "--out", tmp_path / "c", *words)
+    assert re.search(r"square\.toml: waypoint \d at .* beyond the fence", told) and not (tmp_path / "c").exists()
+
+
+def test_a_site_of_the_command_line_with_room_for_the_mission_is_taken(tmp_path):
+    far = tmp_path / "far.toml"
+    far.write_text(mission_text(((10.0, 10.0), (60.0, 60.0))))
+    with pytest.raises(ConfigError, match=r"far\.toml: waypoint 2 .* beyond the fence"):
+        setup_instead(EXAMPLES / "aritra.toml", {}, "flights", mission=far)
+    site = with_fence(tmp_path, 80.0)
+    setup = setup_instead(EXAMPLES / "aritra.toml", {"site.toml": site}, "flights", mission=far)
+    assert setup.pilot.site.fence[2] == (80.0, 80.0) and setup.pilot.mission.path.waypoints[1].north_m == 60.0
+
+
+def test_manoeuvres_without_room_among_the_missions_fences_are_refused_at_once(tmp_path, capsys):
+    zone = "[[fences]]\ninclusion = false\npolygon = [[5, 5], [25, 5], [25, 25], [5, 25]]\n"
+    (tmp_path / "round.toml").write_text(mission_text(((3.0, 3.0), (3.0, 27.0))) + zone)
+    told = refused(capsys, "--mission", tmp_path / "round.toml", "--out", tmp_path / "c")
+    assert "library.toml: margin_m + return_m" in told and not (tmp_path / "c").exists()
 
 
 def test_a_folder_with_other_things_is_refused_and_left_alone(tmp_path, capsys):

@@ -96,18 +96,19 @@ def flown(
     limit_s=400.0,
     eta=None,
     others=ANYWHERE,
+    period_s=TICK_NS * 1e-9,
 ):
     """Flight of a boat off the file by up to `share`, told a place that wanders by `error_m` (one sigma)."""
     vessel, rng = boat(name), np.random.default_rng(seed)
     true = perturbed(vessel, rng, share) if share else vessel
-    flight = Flight(excitation, vessel, site, name="test.toml", others=others)
+    flight = Flight(excitation, vessel, site, name="test.toml", others=others, period_s=period_s)
     start = (*flight.pen.middle, rng.uniform(-3, 3)) if eta is None else eta
     plant = Plant(true, np.array([*start, 0, 0, 0]), step_ns=STEP_NS, voltage_v=15.6)
     world = Environment(weather or Weather(), rng)
     state, rows, statuses, notes, error = BEGINNING, [], [], [], np.zeros(2)
     while not flight.is_over(state) and plant.motion.t_ns < limit_s * 1e9:
         t_ns, x = plant.motion.t_ns, plant.motion.x
-        if t_ns % TICK_NS == 0:
+        if t_ns % round(period_s * 1e9) == 0:
             error = 0.98 * error + np.sqrt(1 - 0.98**2) * error_m * rng.normal(size=2)
             told = np.array([*(x[:2] + error), x[2]])
             state, f, note = flight.step(state, told, x[3:6], t_ns, spread_m=2 * error_m)

@@ -34,13 +34,13 @@ from companion.core.model.thrusters import configuration_matrix
 BRAKE_SHARE = 0.5
 """Share of an axis' force counted on for stopping: the rest is for turning and wind; assumed."""
 REACTION_S = 0.5
-"""Until a braking force is there: a tick, dead time, lag, and growing thrust of the segment; assumed."""
+"""Until a braking force is there: a tick of `PERIOD_S`, dead time, lag, and growing thrust of the segment; assumed."""
 LEAST_DAMPING = 0.01
 """Linear damping over mass [1/s] of a file that states none; assumed."""
-FIRST_S = 0.1
-"""Time that the first change of force may take; a tick."""
-GAP_S = 0.5
-"""Calls further apart are a break; assumed: five ticks."""
+PERIOD_S = 0.1
+"""A tick, where nothing else is said: the default of `control.period_s`."""
+GAP_S, GAP_TICKS = 0.5, 5
+"""Calls further apart than either are a break; assumed."""
 HOME_LIMIT_S = 90.0
 """Whoever is not home by then never will be: wind, current or a fault hold the boat; assumed."""
 APPROACH_S = 2.5
@@ -76,11 +76,21 @@ BEGINNING = FlightState()
 class Flight:
     """One excitation for one vessel at one site. Raises ConfigError where they do not fit together.
 
-    `name`: of the excitation file; `others`: the mission's fences.
+    `name`: of the excitation file; `others`: the mission's fences; `period_s`: between two calls of `step`.
     """
 
-    def __init__(self, excitation: Excitation, vessel: VesselFile, site: Site, *, name: str, others: Fence = ANYWHERE):
-        self.excitation, self.pen = excitation, Pen(site, others)
+    def __init__(
+        self,
+        excitation: Excitation,
+        vessel: VesselFile,
+        site: Site,
+        *,
+        name: str,
+        others: Fence = ANYWHERE,
+        period_s: float = PERIOD_S,
+    ):
+        self.excitation, self.pen, self._period_s = excitation, Pen(site, others), period_s
+        self._gap_s, self._reaction_s = max(GAP_S, GAP_TICKS * period_s), REACTION_S + max(period_s - PERIOD_S, 0.0)
         self.pen.check(excitation.margin_m, excitation.return_m, name=name)
         self.signals = signals(excitation, vessel, name=name)
         self._vessel, self._M, self._limits = vessel, np.diag(mass_matrix(vessel)), force_limits(vessel)
@@ -97,7 +107,7 @@ class Flight:
         `eta`, `nu`: pose and velocity over ground; `spread_m`: how far the boat may be from there.
         """
         dt = 0.0 if state.t_ns is None else (t_ns - state.t_ns) * 1e-9
-        if not 0.0 <= dt <= GAP_S:
+        if not 0.0 <= dt <= self._gap_s:
             state, dt = replace(state, phase="home" if state.phase == "fly" else state.phase, f_n=(), home_s=0.0), 0.0
         state, note = self._advance(replace(state, t_ns=t_ns), eta, nu, dt, spread_m)
         if state.phase == "home" and not self.excitation.homing:
@@ -189,7 +199,7 @@ class Flight:
         mission's fences on the way back.
         """
         push = (self._B @ f_n)[:2] if len(f_n) else np.zeros(2)
-        soon = nu[:2] + REACTION_S * push / self._M[:2]
+        soon = nu[:2] + self._reaction_s * push / self._M[:2]
         speed = np.where(np.abs(soon) > np.abs(nu[:2]), soon, nu[:2])
         ahead, side = (self._stop_m(i, float(w)) for i, w in enumerate(speed))
         place = np.asarray(eta[:2], dtype=float)
@@ -203,7 +213,7 @@ class Flight:
         mass = caution * self._M[axis]
         damping = max(float(self._linear[axis]), LEAST_DAMPING * self._M[axis]) / caution
         force = BRAKE_SHARE * self._axes[axis].min() / caution
-        return math.copysign(stopping_distance_m(speed, mass, damping, force, REACTION_S), speed)
+        return math.copysign(stopping_distance_m(speed, mass, damping, force, self._reaction_s), speed)
 
     def _is_near(self, eta: np.ndarray) -> bool:
         return float(np.linalg.norm(eta[:2] - self.pen.middle)) <= self.excitation.return_m
@@ -227,5 +237,5 @@ class Flight:
     def _within_limits(self, wanted: np.ndarray, before: tuple[float, ...], dt: float) -> np.ndarray:
         """Forces within the thrusters' limits, changing no faster than the vessel file allows."""
         last = np.array(before) if before else np.zeros(len(wanted))
-        step = self._vessel.propulsion.rate_limit_N_s * (dt or FIRST_S)
+        step = self._vessel.propulsion.rate_limit_N_s * (dt or self._period_s)
         return np.clip(np.clip(wanted, last - step, last + step), *self._limits)

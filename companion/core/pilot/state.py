@@ -60,8 +60,8 @@ class PilotSettings:
         """The excitation, if there is one, for this boat and water. `name`: of its file. Raises ConfigError."""
         if self.excitation is None:
             return None
-        name = name or self.excitation.name
-        return Flight(self.excitation, self.vessel, self.site, name=name, others=self.pen.others)
+        name, others, period_s = name or self.excitation.name, self.pen.others, self.control.period_s
+        return Flight(self.excitation, self.vessel, self.site, name=name, others=others, period_s=period_s)
 
 
 @dataclass(frozen=True)

@@ -175,6 +175,16 @@ def test_after_a_break_it_finds_its_way_back_first():
     assert state.phase == "fly" and "goes on at 2.9 s" in note
 
 
+@pytest.mark.parametrize("period_s", [0.1, 0.6, 1.0])
+def test_it_flies_and_turns_back_whatever_the_period(period_s):
+    flight = flown(of(Steps(name="run", X=0.4, hold_s=20.0)), period_s=period_s)
+    assert flight.statuses[-1].phase == "done" and flight.clearance_m > 1.4
+    flying = [s.elapsed_s for s in flight.statuses if s.phase == "fly"]
+    assert len(flying) * period_s == pytest.approx(20.0, abs=4 * period_s) and max(flying) > 20.0 - 2 * period_s
+    assert any("turned back" in note for note in flight.notes)
+    assert np.abs(flight.f_n[0]).max() <= 120.0 * period_s + 1e-6, "from the first tick on by 120 N/s"
+
+
 def test_room_shrinks_with_speed_and_caution_covers_a_heavier_boat():
     flight = Flight(WILD, boat("aritra"), BASIN, name="x")
     eta = np.array([15.0, 15.0, 0.0])

@@ -7,6 +7,9 @@
 
 with |a_i| = 1: zero exactly on the fence, positive inside, slope 1 everywhere, never more than `clearance` there. A
 convex fence gives its half-planes, each a level of its own. Polygons must not cross themselves (`crossing`).
+
+Beyond a tip of angle t that points into the water (of a polygon to stay out of, of a part cut out) edges say D sin(t/2)
+where the clearance is D: 4 m off a jetty of 14 degrees 0.5 m. A sharp tip is an edge of no length too, across its axis.
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ Corners = tuple[tuple[float, float], ...]
 Level = Callable[[Any, Any], Any]
 """(north, east) -> metres inside, for numbers and CasADi expressions alike."""
 Minimum = Callable[[Any, Any], Any]
+SHARP = 0.51
+"""Cosine of the angle (59 degrees) below which a tip is sharp; assumed: wider ones leave half of the clearance."""
 MOST_CORNERS = 300
 """Of a site's fence, and of all fences of a mission. With 500 in all the controller is built in 7 s and a plan takes
 0.3 ms, with four in 4 s and 0.2 ms; with 1000 in 47 s (measured on 2 cores)."""
@@ -65,9 +70,9 @@ class Fence:
         """Levels of all polygons. `minimum(a, b)`: of two values, `min` or `casadi.fmin`."""
         found: list[Level] = []
         for corners in self.within:
-            found += _levels(np.array(corners), minimum)
+            found += _levels(np.array(corners), range(0), minimum)
         for corners in self.without:
-            found.append(_negative(_least(_levels(np.array(corners), minimum), minimum)))
+            found.append(_negative(_least(_levels(np.array(corners), range(len(corners)), minimum), minimum)))
         return tuple(found)
 
 
@@ -129,8 +134,8 @@ def _touch(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.nda
     return boxes & (_turn(a, b, c) * _turn(a, b, d) <= 0) & (_turn(c, d, a) * _turn(c, d, b) <= 0)
 
 
-def _levels(corners: np.ndarray, minimum: Minimum) -> list[Level]:
-    """Half-planes of the hull and, negative, the pockets in it."""
+def _levels(corners: np.ndarray, tips: range, minimum: Minimum) -> list[Level]:
+    """Half-planes of the hull and, negative, the pockets in it. `tips`: corners that point into the water, if sharp."""
     if _area(corners) < 0:
         corners = corners[::-1]
     hull = _hull(corners)
@@ -138,10 +143,13 @@ def _levels(corners: np.ndarray, minimum: Minimum) -> list[Level]:
     for i, j in zip(hull, [*hull[1:], hull[0] + len(corners)], strict=True):
         start, end = corners[i], corners[j % len(corners)]
         found.append(_half_plane(start, end))
+        if i in tips:
+            found += _across_tip(corners[hull[hull.index(i) - 1]], start, end)
         if j - i > 1:
             pocket = corners[np.arange(i, j + 1) % len(corners)]
             if _area(pocket) != 0:
-                found.append(_negative(_least(_levels(pocket, minimum), minimum)))
+                own = range(0) if tips else range(1, len(pocket) - 1)  # the first and the last are on the hull
+                found.append(_negative(_least(_levels(pocket, own, minimum), minimum)))
     return found
 
 
@@ -165,6 +173,12 @@ def _half_plane(start: np.ndarray, end: np.ndarray) -> Level:
     a, b = float(-along[1]), float(along[0])
     offset = a * float(start[0]) + b * float(start[1])
     return lambda north, east: a * north + b * east - offset
+
+
+def _across_tip(before: np.ndarray, tip: np.ndarray, after: np.ndarray) -> list[Level]:
+    """Metres to the inner side of the line through a corner across its bisector; none where it is not sharp."""
+    a, b = ((to - tip) / np.linalg.norm(to - tip) for to in (before, after))
+    return [_half_plane(tip, tip + (a + b)[::-1] * (1.0, -1.0))] if a @ b > SHARP else []
 
 
 def _least(levels: Sequence[Level], minimum: Minimum) -> Level:

@@ -80,6 +80,53 @@ def test_levels_of_any_star_shaped_fence(k, data):
     assert (min(level(*place) for level in fence.levels(min)) > 0) == (truth > 0)
 
 
+def tip(degrees: float, length_m: float = 8.0):
+    """A triangle with a tip at (15, 20), its foot at north 15, east 28."""
+    half_m = length_m * np.tan(np.deg2rad(degrees / 2))
+    return ((15.0 + half_m, 20.0 + length_m), (15.0, 20.0), (15.0 - half_m, 20.0 + length_m))
+
+
+def jetty(degrees: float):
+    """A fence whose east side is the same triangle, cut out."""
+    return (*SQUARE[:2], *tip(degrees))
+
+
+@pytest.mark.parametrize("degrees", [1.0, 3.0, 14.0, 28.0, 58.0])
+@pytest.mark.parametrize(
+    "fence_of", [lambda d: Fence((SQUARE,), (tip(d),)), lambda d: Fence((jetty(d),))], ids=["zone", "jetty"]
+)
+def test_beyond_a_sharp_tip_levels_say_what_room_there_is(fence_of, degrees):
+    fence = fence_of(degrees)
+    for off_m in (0.1, 0.6, 2.0, 5.0):
+        assert min(level(15.0, 20.0 - off_m) for level in fence.levels(min)) == pytest.approx(off_m)
+    for angle in np.linspace(-np.pi / 2, np.pi / 2, 41):
+        place = 15.0 + 4.0 * np.sin(angle), 20.0 - 4.0 * np.cos(angle)
+        least = min(level(*place) for level in fence.levels(min))
+        assert 0.7 * fence.clearance(*place) <= least <= fence.clearance(*place) + 1e-9
+
+
+@QUICK
+@given(st.floats(0.5, 29.5), st.floats(0.5, 29.5), st.floats(1.0, 58.0))
+def test_levels_at_sharp_tips_are_positive_exactly_inside(north, east, degrees):
+    for fence in (Fence((SQUARE,), (tip(degrees),)), Fence((jetty(degrees),))):
+        truth = fence.clearance(north, east)
+        if abs(truth) > 1e-6:
+            least = min(level(north, east) for level in fence.levels(min))
+            assert (least > 0) == (truth > 0) and (least <= truth + 1e-9 or truth < 0)
+
+
+@QUICK
+@given(st.floats(0.5, 29.5), st.floats(0.5, 29.5))
+def test_without_a_sharp_tip_levels_are_those_of_the_edges(north, east):
+    """An L, whose pocket is a triangle of 45 degrees, and a square to stay out of."""
+    ell = ((0.0, 0.0), (30.0, 0.0), (30.0, 10.0), (10.0, 10.0), (10.0, 30.0), (0.0, 30.0))
+    zone = ((2.0, 2.0), (4.0, 2.0), (4.0, 4.0), (2.0, 4.0))
+    levels = [level(north, east) for level in Fence((ell,), (zone,)).levels(min)]
+    assert levels[-1] == max(north - 4.0, 2.0 - north, east - 4.0, 2.0 - east), "to the bit"
+    pocket = max(10.0 - north, 10.0 - east, (north + east - 40.0) / np.sqrt(2.0))
+    assert min(abs(level - pocket) for level in levels) < 1e-9
+
+
 def test_levels_have_slope_one_for_casadi_too():
     x = ca.SX.sym("x", 2)
     levels = Fence((HOOK,), without=(((1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)),)).levels(ca.fmin)

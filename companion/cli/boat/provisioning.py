@@ -202,7 +202,7 @@ async def _fetch(autopilot: Provisioner, log: StoredLog, folder: Path, progress)
 
 def next_name(path: Path) -> Path:
     """`log-0007-DATE.bin`, then `-2`, `-3`: another log of the same number and date."""
-    stem, number = re.fullmatch(r"(log-\d+-.+?Z)(?:-(\d+))?", path.stem).groups()
+    stem, number = re.findall(r"(.*?Z)(?:-(\d+))?$", path.stem)[0]
     return path.with_stem(f"{stem}-{int(number or 1) + 1}")
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
-
 from companion.boat.load_run import RunSetup, setup_of
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import ConfigError
@@ -28,19 +26,6 @@ def site_in(log: LogFile) -> Site | None:
         return load_site(log.metadata["config/site.toml"], name="site.toml")
     except (KeyError, ConfigError):
         return None
-
-
-def channels_in(log: LogFile) -> dict[str, int]:
-    """RC channel (0: not stated) by name of thruster, then of servo, in the log's vessel file of whatever version.
-
-    Empty without a file.
-    """
-    try:
-        thrusters = tomllib.loads(log.metadata["config/vessel.toml"])["thrusters"]
-        servos = [t[key] for t in thrusters for key in ("steering", "rudder") if key in t]
-        return {str(one["name"]): int(one.get("channel", 0)) for one in (*thrusters, *servos)}
-    except (KeyError, TypeError, ValueError):  # a TOMLDecodeError is a ValueError
-        return {}
 
 
 def zero_ns_of(log: LogFile) -> int:

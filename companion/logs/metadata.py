@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import subprocess
+import tomllib
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -31,6 +32,19 @@ def config_sha256(files: Mapping[str, str]) -> str:
 def files_in(metadata: Mapping[str, str]) -> dict[str, str]:
     """The configuration files of a log's metadata: name -> text."""
     return {key.removeprefix("config/"): text for key, text in metadata.items() if key.startswith("config/")}
+
+
+def channels_in(metadata: Mapping[str, str]) -> dict[str, int]:
+    """RC channel (0: not stated) by name of thruster, then of servo, in a log's vessel file of whatever version.
+
+    Empty without a file.
+    """
+    try:
+        thrusters = tomllib.loads(metadata["config/vessel.toml"])["thrusters"]
+        servos = [t[key] for t in thrusters for key in ("steering", "rudder") if key in t]
+        return {str(one["name"]): int(one.get("channel", 0)) for one in (*thrusters, *servos)}
+    except (KeyError, TypeError, ValueError):  # a TOMLDecodeError is a ValueError
+        return {}
 
 
 def _git_revision() -> str:

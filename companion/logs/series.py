@@ -31,8 +31,9 @@ from companion.core.messages import (
 from companion.core.messages.sensors import GnssFix
 from companion.core.sensors.gnss import GnssReceiver
 from companion.core.sensors.table import origin_of
-from companion.logs.configuration import channels_in, site_in
+from companion.logs.configuration import site_in
 from companion.logs.log_file import LogFile
+from companion.logs.metadata import channels_in
 
 MAX_FIXES = 600  # fixes from ranges in one picture: more would only cost time
 FIX_SPREAD_M = 0.5  # residual of a good range in such a fix; assumed
@@ -112,7 +113,7 @@ def collect(log: LogFile, truth: LogFile | None = None) -> Series:
     for message in truth.messages(GroundTruth) if truth else ():
         if zero_ns <= message.t_ns <= last_ns:
             _add(rows, message)
-    return _arrays(rows, zero_ns, last_ns, site, tuple(channels_in(log)))
+    return _arrays(rows, zero_ns, last_ns, site, tuple(channels_in(log.metadata)))
 
 
 def _add(rows: _Rows, message: Message) -> None:

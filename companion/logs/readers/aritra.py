@@ -36,8 +36,8 @@ from companion.core.messages import (
 )
 from companion.core.model.load_vessel import load_vessel
 from companion.core.sensors.table import sensors_of
-from companion.logs.configuration import channels_in
 from companion.logs.log_file import LogFile, open_truth
+from companion.logs.metadata import channels_in
 from companion.logs.readers.channels import channel_streams
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.outputs import carriers
@@ -72,10 +72,10 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
         row = _ROWS.get(type(message))
         found[type(message)].append(row(message) if row else message)
     notes += [LogProblem(kind="damaged", text=text) for text in log.damage]
-    forces_of = channels_in(log)
+    forces_of = channels_in(log.metadata)
     if truth:
         simulator = open_truth(truth)
-        forces_of = channels_in(simulator) or forces_of
+        forces_of = channels_in(simulator.metadata) or forces_of
         found[GroundTruth] = list(simulator.messages(GroundTruth))
         notes += [LogProblem(kind="damaged", text=text) for text in simulator.damage]
     if not found[OverrideLease]:
@@ -143,7 +143,7 @@ def meta_fields(vessel: VesselFile | None, site: Site | None) -> dict[str, Any]:
 
 def _same_boat(log: LogFile, vessel: VesselFile) -> None:
     """Raise RunError where the vessel file in the log has other thrusters and servos, or the same on other channels."""
-    own, given = channels_in(log), channels_of(vessel, [])
+    own, given = channels_in(log.metadata), channels_of(vessel, [])
     if own and all(own.values()) and own != given:
         logged, said = (", ".join(f"{name} on channel {n}" for name, n in x.items()) for x in (own, given))
         raise RunError(

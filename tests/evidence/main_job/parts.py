@@ -13,13 +13,22 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from scipy.stats import chi2
 
 from companion.boat.load_run import EXAMPLES, load_setup
 from companion.cli.simulator.demo import free_port
 from companion.core.control.nmpc import Actuation, Nmpc
-from companion.core.messages import GroundTruth, GuidanceReference, OperatorCommand, OverrideLease, StateEstimate, Tick
+from companion.core.messages import (
+    Alert,
+    GroundTruth,
+    GuidanceReference,
+    OperatorCommand,
+    OverrideLease,
+    StateEstimate,
+    Tick,
+)
 from companion.core.model.manoeuvring import StructuredModel
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.pilot import Pilot
@@ -32,6 +41,7 @@ from sim.studies.ranging.range_runs import range_filter_scores
 from sim.world.environment import Weather
 from sim.world.score import estimation, station, track_of, tracking
 from sim.world.stepped import SteppedRun, SteppedWorld
+from sim.world.stepped_controller import PATIENT_S
 from sim.world.world import World, WorldSetup
 from tests.evidence.line import Line, at_least, at_most, between, exactly
 
@@ -48,11 +58,11 @@ STATION_S = 30.0
 def reference_boat():
     setup = load_setup(EXAMPLES / "aritra.toml").pilot
     vessel = setup.vessel
-    model = StructuredModel.of(vessel)
+    model, patient = StructuredModel.of(vessel), msgspec.structs.replace(setup.nmpc, rescue_time_s=PATIENT_S)
     return (
         setup,
         Pilot(setup),
-        Nmpc(model, Actuation.of(vessel), setup.nmpc, time.perf_counter, setup.fence, compile_loops),
+        Nmpc(model, Actuation.of(vessel), patient, time.perf_counter, setup.fence, compile_loops),
     )
 
 
@@ -99,6 +109,9 @@ def drive_mission(world: SteppedWorld, wait_s: float = 0.0) -> dict[str, float]:
     figures = tracking(track, points) | estimation(track)
     figures |= station(track, (*points[-1], float(np.arctan2(last[1], last[0]))), STATION_S)
     figures["missed"] = len(points) - len(run.state.guidance.passed)
+    if figures["missed"]:
+        said = [f"{m.t_ns * 1e-9:.1f} s: {m.text}" for m in run.of(Alert)[-5:]]
+        print(f"  (a mission ended in {run.state.helm.mode}: {'; '.join(said)})", flush=True)
     away = np.linalg.norm(track.truth[:, None, :2] - points, axis=2).min(axis=0)
     figures["farthest_m"] = float(away.max())
     figures["unleased"] = float([m.index for m in run.of(Tick)] != [m.index for m in run.of(OverrideLease)])

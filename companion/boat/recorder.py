@@ -32,6 +32,7 @@ HANG_S = 3.0  # a write that takes longer is a `problem` while it hangs; assumed
 CLOSE_S = 5.0  # how long the end of a run waits for a disk that hangs; assumed: what stops the service waits longer
 SLOW_S = 0.75  # a flush that takes longer than this breaks the promise of 1 s: said in `problem`
 ROTATE_BYTES = 64 * 1024 * 1024  # some 20 minutes: a file's index waits in memory, 2.5 kB for each quarter of a second
+REFUSED_NS = 1_000_000_000  # a message that was refused is a `problem` for so long; assumed
 OVER_NS = 10_000_000_000  # a problem that was gone for so long is over: a slow disk comes and goes; assumed
 MAX_QUEUED = 50_000  # messages; about 100 s of a disk that hangs, some 25 MB
 DISK_TROUBLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS})
@@ -79,7 +80,7 @@ class Recorder:
         self._encoder = msgspec.json.Encoder(enc_hook=_numpy_scalar)
         self._streams: dict[type | str, _Stream] = {}
         self._queue: deque[LogItem] = deque()
-        self._refused, self._refusal = 0, ""  # written by the caller's thread
+        self._refused, self._refusal, self._refused_ns = 0, "", 0  # written by the caller's thread
         self._dropped, self._disk_problem = 0, ""  # written under the lock
         self._lock = threading.Lock()
         self._closed = False
@@ -105,7 +106,8 @@ class Recorder:
         if since_ns is not None and self._now_ns() - since_ns > HANG_S * 1e9:
             reason = f"the disk hangs: a write has not come back for {HANG_S:g} s; what follows waits in memory"
         else:
-            reason = self._disk_problem or self._refusal
+            refused = self._refusal if self._now_ns() - self._refused_ns <= REFUSED_NS else ""
+            reason = self._disk_problem or refused
         return f"log {self.path}: {reason}" if reason else None
 
     # --- the control loop's side -------------------------------------------------------------------
@@ -143,7 +145,7 @@ class Recorder:
 
     def _refuse(self, reason: str) -> None:
         self._refused += 1
-        self._refusal = reason
+        self._refusal, self._refused_ns = reason, self._now_ns()
 
     # --- the disk's side ---------------------------------------------------------------------------
 
@@ -181,9 +183,9 @@ class Recorder:
         self.close()
 
     def _begin(self) -> None:
-        if older := log_parts(self.path)[1:]:  # it would end this log at its first rotation, and be read as part of it
-            raise FileExistsError(errno.EEXIST, "is part of an older log", str(older[0]))
         try:
+            if older := log_parts(self.path)[1:]:  # it would end this log at its first rotation, and be read with it
+                raise FileExistsError(errno.EEXIST, "is part of an older log", str(older[0]))
             self._part = self._open()
         except OSError as error:
             if error.errno not in DISK_TROUBLE:
@@ -220,7 +222,6 @@ class Recorder:
         took_s = (self._now_ns() - start_ns) / 1e9
         self.slowest_sync_s = max(self.slowest_sync_s, took_s)
         self._disk_problem = f"the disk is slow: a flush took more than {SLOW_S} s" if took_s > SLOW_S else ""
-        self._refusal = ""
 
     def _fail(self, error: Exception, lost: int) -> None:
         """Give up this file; the messages of the failed batch are lost, later ones wait for the next file."""
@@ -260,12 +261,16 @@ class RecordingAlerts:
     def step(self, problem: str | None, t_ns: int) -> Alert | None:
         """The alert that is due, if any."""
         if problem:
-            self._seen_ns, known, self._known = t_ns, self._known, problem
-            return Alert(t_ns=t_ns, level="error", text=problem) if problem != known else None
-        if self._known is None or t_ns - self._seen_ns < OVER_NS:
+            self._seen_ns = t_ns
+            if problem == self._known:
+                return None
+            self._known = problem
+            return Alert(t_ns=t_ns, level="error", text=problem)
+        known = self._known
+        if known is None or t_ns - self._seen_ns < OVER_NS:
             return None
         self._known = None
-        return Alert(t_ns=t_ns, level="info", text="the log is being written again; what came meanwhile is lost")
+        return Alert(t_ns=t_ns, level="info", text=f"over: {known}")
 
 
 def _channel(key: type | str) -> ChannelInfo:

@@ -125,7 +125,7 @@ def attitude(run: str, a: Attitude) -> shore.AttitudeNow:
 
 def thrusters(run: str, lease: OverrideLease, sent: bool, output: ServoOutput | None, n: int) -> shore.ThrustersNow:
     """The lease, whether it was `sent`, and the first `n` outputs as the autopilot has just reported them."""
-    fresh = output is not None and lease.t_ns - output.t_ns <= OUTPUT_FRESH_NS
+    fresh = output if output and lease.t_ns - output.t_ns <= OUTPUT_FRESH_NS else None
     return shore.ThrustersNow(
         run=run,
         t_ns=lease.t_ns,
@@ -133,7 +133,7 @@ def thrusters(run: str, lease: OverrideLease, sent: bool, output: ServoOutput | 
         force_n=tuple(map(metres, lease.f_command_n[:n])),
         source=lease.source,
         reason=cut(lease.reason),
-        output_us=output.pwm_us[:n] if output and fresh else None,
+        output_us=fresh.pwm_us[:n] if fresh else None,
         sent=sent,
     )
 

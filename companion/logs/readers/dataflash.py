@@ -8,6 +8,7 @@ Source: https://ardupilot.org/rover/docs/logmessages.html
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import radians
 from pathlib import Path
 from typing import Any
@@ -134,10 +135,9 @@ def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple
 def _beacon(rows: list[tuple[float, ...]], site: Site | None) -> Stream:
     """Stream of rows as of `_bcn`, its true north and east turned into the site's axes, as headings are."""
     stream = Stream.of("beacon", ("north_m", "east_m", *(f"range_{i}_m" for i in range(4))), rows)
-    north_m, east_m = (stream.columns[name].copy() for name in ("north_m", "east_m"))
-    turned_m = unrotate(radians(site.rotation_deg) if site else 0.0, north_m, east_m)
-    stream.columns["north_m"][:], stream.columns["east_m"][:] = turned_m
-    return stream
+    turn_rad = radians(site.rotation_deg) if site else 0.0
+    north_m, east_m = unrotate(turn_rad, stream.columns["north_m"], stream.columns["east_m"])
+    return replace(stream, columns={**stream.columns, "north_m": north_m, "east_m": east_m})
 
 
 def _bcn(m: Any) -> tuple[float, ...] | None:

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 from aiohttp import WSMsgType, web
 
+from companion.core.telemetry.order_gate import WINDOW_S
 from companion.core.telemetry.order_sender import Sender
 from companion.core.telemetry.structs import About
 from companion.shore.console.connection_limits import ConnectionLimits
@@ -42,8 +43,6 @@ WARN_S = 10.0
 QUICK_S = 1.0
 """How long the answer to a request waits for the boat's; the rest comes by WebSocket, for a browser has six connections
 to us, and a boat that is dead must not keep the order to another (assumed)."""
-LATE_S = 5.0
-"""An order that needed longer from its page to here is refused: who gave it has turned elsewhere (assumed)."""
 HOME = "/web/console.html"
 _ENCODER = msgspec.json.Encoder()
 
@@ -290,5 +289,5 @@ class Console:
 def _refuse_late(given_ms: float | None) -> None:
     """Raise the answer to an order that may move the boat and that the network held up."""
     late_s = 0.0 if given_ms is None else time.monotonic() - given_ms * 1e-3
-    if late_s > LATE_S:
+    if late_s > WINDOW_S:  # the boat would not take it either, had the console not sealed it anew
         raise web.HTTPRequestTimeout(text=f"it was given {late_s:.0f} s ago: give it again if it is still wanted")

@@ -213,7 +213,7 @@ export class OrderDesk {
     if (boat !== chosen || !told || told.run !== outcome.run || told.t_ns < outcome.t_ns) return "";
     const still = (pulses) => pulses.every((p) => p === NEUTRAL_US || p === 0);
     if (!still(told.pwm_us)) return "Now other pulses than neutral are sent.";
-    if (told.sent === false) return "Neutral is NOT sent: no port to the autopilot is open. It stops by its own time limit.";
+    if (told.sent === false) return "NOT sent: no port to the autopilot is open.";
     if (!told.output_us) return "Neutral is sent; the autopilot does not say what its outputs are.";
     return still(told.output_us) ? "Neutral is sent, and the autopilot's outputs are neutral." : "Neutral is sent; the autopilot's outputs are NOT neutral.";
   }

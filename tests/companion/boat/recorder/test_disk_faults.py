@@ -49,6 +49,17 @@ def test_a_disk_error_is_told_counted_and_survived(tmp_path, step_clock, monkeyp
     assert [index for index in ticks(LogFile(path)) if index != 1] == [0, 2]
 
 
+def test_what_cannot_be_written_is_said_though_the_disk_is_written_to_at_once(tmp_path, step_clock):
+    recorder = make(tmp_path / "log.mcap", step_clock, background=False)
+    recorder.record(Tick(t_ns=1, index=object()))
+    recorder.record(Tick(t_ns=2, index=1))
+    recorder.sync()
+    assert recorder.problem is not None and "cannot be written" in recorder.problem
+    step_clock.t_ns += 2 * 10**9
+    assert recorder.problem is None
+    recorder.close()
+
+
 def test_every_outage_is_said_and_that_it_is_over():
     """A problem that comes and goes within 10 s is one."""
     alerts, said = recorder_module.RecordingAlerts(), []

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from companion.boat.load_run import RunSetup, setup_of
-from companion.core.configuration.site_file import Site, load_site
-from companion.core.configuration.tables import ConfigError
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.metadata import files_in
 
@@ -18,14 +16,6 @@ def setup_in(log: LogFile) -> RunSetup:
     if missing:
         raise LogError(f"{log.path}: holds no configuration ({', '.join(missing)}): not a log of `aritra run`")
     return setup_of(texts, {name: f"{log.path}: {name}" for name in texts})
-
-
-def site_in(log: LogFile) -> Site | None:
-    """The site file that the log holds; None where it has none, or one of another version."""
-    try:
-        return load_site(log.metadata["config/site.toml"], name="site.toml")
-    except (KeyError, ConfigError):
-        return None
 
 
 def zero_ns_of(log: LogFile) -> int:

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 
+from companion.core.configuration.site_file import Site, load_site
+
 
 def log_metadata(vessel: str, files: Mapping[str, str]) -> dict[str, str]:
     """Metadata of a log: vessel, configuration (text and SHA-256), versions. `files`: name -> text."""
@@ -32,6 +34,14 @@ def config_sha256(files: Mapping[str, str]) -> str:
 def files_in(metadata: Mapping[str, str]) -> dict[str, str]:
     """The configuration files of a log's metadata: name -> text."""
     return {key.removeprefix("config/"): text for key, text in metadata.items() if key.startswith("config/")}
+
+
+def site_in(metadata: Mapping[str, str], log: Path) -> Site | None:
+    """The site file in a log's metadata; None without one. Raises ConfigError where this version refuses it: positions
+    and headings would be in other axes.
+    """
+    text = metadata.get("config/site.toml")
+    return None if text is None else load_site(text, name=f"{log}: site.toml")
 
 
 def channels_in(metadata: Mapping[str, str]) -> dict[str, int]:

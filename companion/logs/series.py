@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from companion.core.configuration.site_file import Site
+from companion.core.configuration.tables import ConfigError
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.messages import (
@@ -31,9 +32,8 @@ from companion.core.messages import (
 from companion.core.messages.sensors import GnssFix
 from companion.core.sensors.gnss import GnssReceiver
 from companion.core.sensors.table import origin_of
-from companion.logs.configuration import site_in
 from companion.logs.log_file import LogFile
-from companion.logs.metadata import channels_in
+from companion.logs.metadata import channels_in, site_in
 
 MAX_FIXES = 600  # fixes from ranges in one picture: more would only cost time
 FIX_SPREAD_M = 0.5  # residual of a good range in such a fix; assumed
@@ -103,7 +103,10 @@ class _Rows:
 
 def collect(log: LogFile, truth: LogFile | None = None) -> Series:
     """One pass over `log`; ground truth also from `truth`, the simulator's log of the same run."""
-    site = site_in(log)
+    try:
+        site = site_in(log.metadata, log.path)
+    except ConfigError:  # nothing here is in the axes of a site: anchors and the fixes of GNSS are left out
+        site = None
     rows, zero_ns, last_ns = _Rows(origin=origin_of(site) if site else None), None, 0
     for message in log.messages(*_SCALARS, OverrideLease, Innovation, UwbPosition, UwbRanges, GnssFix):
         zero_ns = message.t_ns if zero_ns is None else zero_ns

@@ -97,7 +97,7 @@ class Control(Table, frozen=True, kw_only=True):
     period_s: Annotated[float, msgspec.Meta(ge=0.02, le=1.0)] = 0.1
     plan_deadline_s: Annotated[float, msgspec.Meta(ge=0.001, le=1.0)] = 0.05
     lease_s: Annotated[float, msgspec.Meta(gt=0, le=5.0)] = 0.3
-    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)] = 0.03
+    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)] = 0.015
     blind_s: Annotated[float, msgspec.Meta(gt=0, le=600.0)] = 15.0
     manual_timeout_s: Annotated[float, msgspec.Meta(gt=0, le=5.0)] = 0.5
     neutral_channels: tuple[Annotated[int, msgspec.Meta(ge=1, le=16)], ...] = (1, 2, 3, 4)

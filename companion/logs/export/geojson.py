@@ -30,8 +30,9 @@ from companion.core.messages import (
     NewMission,
     StateEstimate,
 )
-from companion.logs.configuration import setup_in, site_in, zero_ns_of
+from companion.logs.configuration import setup_in, zero_ns_of
 from companion.logs.log_file import LogError, LogFile
+from companion.logs.metadata import site_in
 from companion.logs.series import KNOWN
 
 GAP_S = 1.0
@@ -44,9 +45,10 @@ Feature = dict[str, Any]
 def features(log: LogFile, site: Site | None = None, truth: LogFile | None = None) -> list[Feature]:
     """All features of a log. `site`: instead of the log's own; `truth`: the simulator's log of the same run.
 
-    Raises LogError: the position of the site's origin is unknown, or the log has no position estimate.
+    Raises LogError: the position of the site's origin is unknown, or the log has no position estimate; ConfigError: the
+    log's own site file is refused.
     """
-    site = site or site_in(log)
+    site = site or site_in(log.metadata, log.path)
     if site is None:
         reason = "holds no site file, so nobody knows where on the earth its origin lies: name one with --site FILE"
         raise LogError(f"{log.path}: {reason}")

@@ -14,12 +14,14 @@ from typing import NamedTuple
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from companion.core.configuration.site_file import Site
 from companion.core.geometry.frames import Origin
 from companion.core.messages import GroundTruth, Measured, Message
 from companion.core.model.thrusters import configuration_matrix
-from companion.logs.configuration import setup_in, site_in, zero_ns_of
+from companion.logs.configuration import setup_in, zero_ns_of
 from companion.logs.export.ros_messages import RosMessages, Told
 from companion.logs.log_file import LogError, LogFile
+from companion.logs.metadata import site_in
 
 VERSION = 8
 """Of metadata.yaml: what Humble reads."""
@@ -33,14 +35,16 @@ class BagWritten(NamedTuple):
 
 
 def write(log: LogFile, folder: Path, truth: LogFile | None = None) -> BagWritten:
-    """Write a log to a new folder. `truth`: the simulator's log of the same run. Raises WriterError, OSError.
+    """Write a log to a new folder. `truth`: the simulator's log of the same run. Raises WriterError, OSError,
+    ConfigError: the log's site file is refused.
 
     A message is recorded when its bytes arrived, and its header says when it was measured, both as Unix time.
     """
+    site = site_in(log.metadata, log.path)
     types, connections = get_typestore(Stores.ROS2_HUMBLE), {}
     written = left_out = 0
     with Writer(folder, version=VERSION, storage_plugin=StoragePlugin.MCAP) as bag:
-        for at_ns, told in _all(log, truth):
+        for at_ns, told in _all(log, site, truth):
             for topic, message in told:
                 kind = message.__msgtype__
                 try:
@@ -55,9 +59,9 @@ def write(log: LogFile, folder: Path, truth: LogFile | None = None) -> BagWritte
     return BagWritten(written, left_out)
 
 
-def _all(log: LogFile, truth: LogFile | None) -> Iterator[tuple[int, Told]]:
+def _all(log: LogFile, site: Site | None, truth: LogFile | None) -> Iterator[tuple[int, Told]]:
     """When, and what ROS is told then."""
-    site, begin_ns = site_in(log), zero_ns_of(log)
+    begin_ns = zero_ns_of(log)
     origin = Origin(site.lat_deg, site.lon_deg, math.radians(site.rotation_deg)) if site else None
     try:
         settings = setup_in(log).pilot

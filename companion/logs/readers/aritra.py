@@ -17,7 +17,7 @@ import numpy as np
 
 from companion.core.configuration.imu_filters import late_by_filters
 from companion.core.configuration.run_file import load_run
-from companion.core.configuration.site_file import Site, load_site
+from companion.core.configuration.site_file import Site
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
@@ -37,7 +37,7 @@ from companion.core.messages import (
 from companion.core.model.load_vessel import load_vessel
 from companion.core.sensors.table import sensors_of
 from companion.logs.log_file import LogFile, open_truth
-from companion.logs.metadata import channels_in
+from companion.logs.metadata import channels_in, site_in
 from companion.logs.readers.channels import channel_streams
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.outputs import carriers
@@ -282,12 +282,8 @@ def _own(
 
 
 def _site(log: LogFile) -> Site | None:
-    """The site file in the log, if there is one. RunError where this version refuses it: positions and headings would
-    be in other axes.
-    """
+    """The site file in the log, if there is one. Raises RunError where this version refuses it."""
     try:
-        return load_site(log.metadata["config/site.toml"], name=f"{log.path}: site.toml")
-    except KeyError:
-        return None
+        return site_in(log.metadata, log.path)
     except ConfigError as error:
         raise RunError(f"{error}; give a site file that this version reads (--site)") from None

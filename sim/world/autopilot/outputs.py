@@ -10,8 +10,8 @@
     other    no pulses (0).
 
 The safety switch cuts them all (0). Delay from override to output, measured medians of the real firmware
-at 50, 100, 200 and 400 Hz: 37, 17, 7, 2 ms, which is 2 / SCHED_LOOP_RATE - 3 ms exactly; the Lua gate was
-measured 21 to 23 ms slower at 50 Hz, and is assumed to be 22 ms slower at every rate.
+at 50, 100, 200 and 400 Hz: 37, 17, 7, 2 ms, which is 2 / SCHED_LOOP_RATE - 3 ms exactly. What the Lua gate writes
+leaves a loop and 2 ms later: 21 to 23 ms at 50 Hz; by the pulses of 4.6 in lockstep 20, 11 and 8 ms at 50, 100 and 200.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from sim.world.autopilot.script import GateScript
 from sim.world.autopilot.stick import pulse_us, share
 
 GATE_MIN_US, GATE_MAX_US = 1100, 1900
-_GATE_EXTRA_NS = 22_000_000
+_GATE_NS = 2_000_000
 _S = 1_000_000_000
 
 Wiring = Callable[[int], int]
@@ -41,6 +41,11 @@ Wiring = Callable[[int], int]
 def latency_ns(loop_rate_hz: float) -> int:
     """Median time from override to output [ns] at a SCHED_LOOP_RATE [Hz]."""
     return max(0, round(2 * _S / loop_rate_hz) - 3_000_000)
+
+
+def gate_latency_ns(loop_rate_hz: float) -> int:
+    """The same through the Lua gate."""
+    return latency_ns(loop_rate_hz) + round(_S / loop_rate_hz) + _GATE_NS
 
 
 class Outputs:
@@ -59,7 +64,8 @@ class Outputs:
         self._gate_channels, self._script = gate_channels if script.exists else (), script
         self._t_ns = 0
         self._mixer = OmniMixer(parameters, rc, modes, failsafe)
-        self._latency_ns = latency_ns(parameters["SCHED_LOOP_RATE"])
+        loop_rate_hz = parameters["SCHED_LOOP_RATE"]
+        self._latency_ns, self._gate_latency_ns = latency_ns(loop_rate_hz), gate_latency_ns(loop_rate_hz)
         self._wired: list[tuple[int, Wiring, int]] = []
         self._version = -1
         self._wanted_us = [0] * CHANNELS
@@ -96,7 +102,7 @@ class Outputs:
             return partial(self._plain, function - 51), self._latency_ns
         if 94 <= function < 94 + len(self._gate_channels):
             gate = partial(self._gated, output + 1, self._gate_channels[function - 94] - 1)
-            return gate, self._latency_ns + _GATE_EXTRA_NS
+            return gate, self._gate_latency_ns
         if 140 <= function <= 155:
             return partial(self._scaled, output + 1, function - 140), self._latency_ns
         return self._unused, self._latency_ns

@@ -4,7 +4,8 @@
     mavlink(data, peer)         bytes to the firmware's first serial port; what it says comes out of `step`
     receiver_us                 pulse widths of an RC receiver, where the setup has one
 
-Simulated time alone counts: the firmware waits for each state, so that a busy machine makes it slow and nothing else.
+Simulated time alone counts: the firmware waits for each state, and each step for the firmware's scripts
+(`script_thread`), so that a busy machine makes it slow and nothing else.
 Bytes that the firmware has sent before a servo packet are read before that packet is answered.
 """
 
@@ -28,6 +29,7 @@ from companion.python_child import end_with
 from sim.world.sitl.backend import JsonBackend
 from sim.world.sitl.physics import SitlPhysics
 from sim.world.sitl.protocol import PORT, NotServos, decode
+from sim.world.sitl.script_thread import ScriptThread
 from sim.world.world import STEP_NS, Outgoing, WorldSetup
 
 FRAME_HZ = 400
@@ -79,6 +81,7 @@ class FirmwareWorld:
         self._udp, self._instance = _listen()
         self._out = (firmware.folder / "console.txt").open("wb")
         self._process = _start(firmware, setup, self._instance, self._out)
+        self._script = ScriptThread(self._process.pid)
         self._tcp = socket.socket()
         try:
             self._connect()
@@ -102,6 +105,7 @@ class FirmwareWorld:
         if self.receiver_us:
             frame = struct.pack(f"<{len(self.receiver_us)}H", *self.receiver_us)
             self._udp.sendto(frame, ("127.0.0.1", RC_PORT + 10 * self._instance))
+        self._script.wait_for_turn()
         mavlink, uwb = b"", b""
         while self.t_ns < until_ns:
             packet, sender, heard = self._packet()

@@ -48,9 +48,10 @@ def test_what_a_stop_came_to_is_said_only_of_what_is_known(console, browser):
         [[still, True, still], [still, None, still], [still, True, moving], [still, True, None], [still, False, None],
          [moving, True, still]],
     )  # fmt: skip
-    assert said[0] == said[1] == "Neutral is sent, and the autopilot's outputs are neutral."
-    for words, expected in zip(said[2:], ("NOT neutral", "does not say", "NOT sent", "other pulses"), strict=True):
-        assert expected in words
+    assert said[0] == said[1] == ["Neutral is sent, and the autopilot's outputs are neutral.", False]
+    looks_failed = {"NOT neutral": True, "does not say": False, "NOT sent": True, "other pulses": False}
+    for (words, failed), (expected, red) in zip(said[2:], looks_failed.items(), strict=True):
+        assert expected in words and failed == red
 
 
 def test_frames_that_come_late_make_the_boats_word_look_old(console, browser):

@@ -199,23 +199,26 @@ export class OrderDesk {
     return null;
   }
 
-  kind({ state, outcome }) {
+  kind(given) {
+    const { state, outcome } = given;
     if (state === "sending") return "waits";
+    if (this.neutral(given)[1]) return "failed";
     if (state === "answered") return outcome.status === "done" ? "done" : outcome.status === "waiting" ? "waits" : "failed";
     return "failed";
   }
 
-  /** Whether telemetry since a stop's answer shows neutral pulses, and those that the autopilot says it gives. */
+  /** What telemetry since a stop's answer shows: pulses, and those that the autopilot says it gives; then, whether the
+   * stop has not reached the thrusters. */
   neutral({ boat, command, state, outcome }) {
-    if (command !== "stop" || state !== "answered" || outcome.status === "refused") return "";
+    if (command !== "stop" || state !== "answered" || outcome.status === "refused") return ["", false];
     const { view, chosen } = this.boats();
     const told = view?.thrusters;
-    if (boat !== chosen || !told || told.run !== outcome.run || told.t_ns < outcome.t_ns) return "";
+    if (boat !== chosen || !told || told.run !== outcome.run || told.t_ns < outcome.t_ns) return ["", false];
     const still = (pulses) => pulses.every((p) => p === NEUTRAL_US || p === 0);
-    if (!still(told.pwm_us)) return "Now other pulses than neutral are sent.";
-    if (told.sent === false) return "NOT sent: no port to the autopilot is open.";
-    if (!told.output_us) return "Neutral is sent; the autopilot does not say what its outputs are.";
-    return still(told.output_us) ? "Neutral is sent, and the autopilot's outputs are neutral." : "Neutral is sent; the autopilot's outputs are NOT neutral.";
+    if (!still(told.pwm_us)) return ["Now other pulses than neutral are sent.", false];
+    if (told.sent === false) return ["NOT sent: no port to the autopilot is open.", true];
+    if (!told.output_us) return ["Neutral is sent; the autopilot does not say what its outputs are.", false];
+    return still(told.output_us) ? ["Neutral is sent, and the autopilot's outputs are neutral.", false] : ["Neutral is sent; the autopilot's outputs are NOT neutral.", true];
   }
 
   /** The list, the newest first. Called again and again: the ages go on. */
@@ -232,7 +235,7 @@ export class OrderDesk {
       const [headline, rest] = this.words(given);
       const old = this.age_s(given);
       const ago = old === null ? "" : `${age(old)} ago`;
-      [headline, ago, this.neutral(given), rest].forEach((text, i) => {
+      [headline, ago, this.neutral(given)[0], rest].forEach((text, i) => {
         if (item.children[i].textContent !== text) item.children[i].textContent = text;
       });
     });

@@ -8,7 +8,7 @@ from companion.core.preflight.observations import Disk, Observations, RoundTrip
 from companion.core.preflight.wiring import Companion
 from tests.support.drive_fixture import setup
 
-COMPANION = Companion((("fl", 9), ("fr", 10), ("rl", 11), ("rr", 12)), (1, 2, 3, 4), 1, 0.3, 0.03)
+COMPANION = Companion((("fl", 9), ("fr", 10), ("rl", 11), ("rr", 12)), (1, 2, 3, 4), 1, 0.3, 0.015)
 SITE, VESSEL = setup().pilot.site, setup().pilot.vessel
 DISK = Disk("logs", 10**11)
 BEAT = Heartbeat(

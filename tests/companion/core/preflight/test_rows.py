@@ -111,7 +111,7 @@ def test_a_rudder_on_a_thruster_s_channel_is_refused():
     ],
 )
 def test_scaled_needs_more_and_warns_that_disarming_does_not_stop_it(changed, row, level):
-    always = {"SERVO1-4_FUNCTION": "warning", "control.latency_s": "warning"}
+    always = {"SERVO1-4_FUNCTION": "warning"}
     assert levels(told("scaled")) == always
     assert levels(told("scaled", **changed)) == {**always, row: level}
 
@@ -144,6 +144,12 @@ def test_the_slow_default_loop_is_told_with_the_latency_it_makes():
     rows = {r.name: r for r in parameter_rows(told("gate", SCHED_LOOP_RATE=50.0), COMPANION)}
     assert rows["SCHED_LOOP_RATE"].level == rows["control.latency_s"].level == "warning"
     assert "0.059" in rows["control.latency_s"].fix
+
+
+def test_a_latency_that_was_meant_for_a_slower_gate_is_told():
+    """Run files of before the gate was measured at 200 Hz said 0.03."""
+    rows = {r.name: r for r in parameter_rows(told("gate"), COMPANION._replace(latency_s=0.03))}
+    assert rows["control.latency_s"].level == "warning" and "0.014" in rows["control.latency_s"].fix
 
 
 def test_outputs_beyond_16_are_asked_for_and_judged_where_they_are_in_use():

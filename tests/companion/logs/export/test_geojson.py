@@ -13,6 +13,7 @@ from companion.boat.recorder import Recorder
 from companion.cli import log as log_cli
 from companion.core import messages as m
 from companion.core.configuration.site_file import load_site
+from companion.core.configuration.tables import ConfigError
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.logs.export import command
 from companion.logs.export.geojson import collection, features
@@ -124,6 +125,11 @@ def test_a_run_without_a_place_on_the_earth_says_what_to_give(tmp_path):
         features(log)
     site = load_site(SITE.format(lat=1, lon=2, turn=0), name="s")
     assert of(features(log, site), "fence")
+
+
+def test_a_site_that_this_version_refuses_is_not_taken_for_none(tmp_path):
+    with pytest.raises(ConfigError, match=r"t\.mcap: site\.toml"):
+        features(record(tmp_path / "t.mcap", estimate(0.0, 0.0, 0.0), site="schema = 99"))
 
 
 def test_a_log_without_estimates_has_no_track(tmp_path):

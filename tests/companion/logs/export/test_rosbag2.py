@@ -15,6 +15,7 @@ pytest.importorskip("rosbags", reason="the extra `analysis` is not installed")
 from rosbags.highlevel import AnyReader
 
 from companion.core import messages as m
+from companion.core.configuration.tables import ConfigError
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.model.thrusters import configuration_matrix
 from companion.logs.configuration import setup_in
@@ -213,6 +214,13 @@ def test_without_a_site_there_is_no_fix_and_a_lost_boat_has_no_odometry(tmp_path
     found = bag(tmp_path / "bag")
     assert len(found["/odometry"]) == 1
     assert "/fix" not in found
+
+
+def test_a_site_that_this_version_refuses_turns_nothing_silently(tmp_path):
+    log = record(tmp_path / "t.mcap", m.Tick(t_ns=0, index=0), site="schema = 99")
+    with pytest.raises(ConfigError, match=r"t\.mcap: site\.toml"):
+        rosbag2.write(log, tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
 
 
 def test_a_number_beyond_what_ros_holds_is_left_out_and_told(tmp_path, capsys):

@@ -26,7 +26,7 @@ def log(tmp_path_factory) -> Path:
     return record(tmp_path_factory.mktemp("run") / "drive.mcap", simulated())
 
 
-LINK_S = 0.03  # control.latency_s of the example run file
+LINK_S = 0.015  # control.latency_s of the example run file
 
 
 @pytest.fixture(scope="module")

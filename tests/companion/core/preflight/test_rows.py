@@ -1,5 +1,7 @@
 """The rows of the pre-flight check: one cause at a time makes one row worse, and says what to do."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -148,7 +150,7 @@ def test_the_slow_default_loop_is_told_with_the_latency_it_makes():
 
 def test_a_latency_that_was_meant_for_a_slower_gate_is_told():
     """Run files of before the gate was measured at 200 Hz said 0.03."""
-    rows = {r.name: r for r in parameter_rows(told("gate"), COMPANION._replace(latency_s=0.03))}
+    rows = {r.name: r for r in parameter_rows(told("gate"), replace(COMPANION, latency_s=0.03))}
     assert rows["control.latency_s"].level == "warning" and "0.014" in rows["control.latency_s"].fix
 
 

@@ -18,10 +18,10 @@ _SLEPT = re.compile(r"^voluntary_ctxt_switches:\s+(\d+)", re.MULTILINE)
 
 
 class ScriptThread:
-    """Of the process `pid`. Linux alone tells; elsewhere there is nothing to wait for."""
+    """Of the process `pid`. Linux alone tells, in `proc`; elsewhere there is nothing to wait for."""
 
-    def __init__(self, pid: int):
-        self._tasks = Path(f"/proc/{pid}/task")
+    def __init__(self, pid: int, proc: Path = Path("/proc")):
+        self._tasks = proc / str(pid) / "task"
         self._status: Path | None = None
         self._count: int | None = None
 
@@ -36,11 +36,13 @@ class ScriptThread:
         """How often it has gone to sleep; None while there is no such thread."""
         try:
             if self._status is None:
-                self._status = next(
-                    (task / "status" for task in self._tasks.iterdir() if (task / "comm").read_text().strip() == NAME),
-                    None,
-                )
-            found = _SLEPT.search(self._status.read_text()) if self._status else None
+                named = (task for task in self._tasks.iterdir() if _text(task / "comm").strip() == NAME)
+                self._status = next((task / "status" for task in named), None)
+            found = _SLEPT.search(_text(self._status)) if self._status else None
         except OSError:  # it ended, or the firmware has started again
             self._status = found = None
         return int(found[1]) if found else None
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8", errors="replace")

@@ -9,9 +9,8 @@
              fail-safe where SERVO_RC_FS_MSK names the channel, the last value where it does not.
     other    no pulses (0).
 
-The safety switch cuts them all (0). Delay from override to output, measured medians of the real firmware
-at 50, 100, 200 and 400 Hz: 37, 17, 7, 2 ms, which is 2 / SCHED_LOOP_RATE - 3 ms exactly. What the Lua gate writes
-leaves a loop and 2 ms later: 21 to 23 ms at 50 Hz; by the pulses of 4.6 in lockstep 20, 11 and 8 ms at 50, 100 and 200.
+The safety switch cuts them all (0). From override to output it takes what was measured of the real firmware
+(`companion.core.configuration.override_latency`).
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 
+from companion.core.configuration.override_latency import override_latency_s
 from companion.core.constants import NEUTRAL_US
 from sim.world.autopilot.failsafe import RADIO, Failsafe
 from sim.world.autopilot.mixer import FACTORS, FIRST_FUNCTION, OMNI_X, OmniMixer
@@ -31,21 +31,15 @@ from sim.world.autopilot.script import GateScript
 from sim.world.autopilot.stick import pulse_us, share
 
 GATE_MIN_US, GATE_MAX_US = 1100, 1900
-_GATE_NS = 2_000_000
 _S = 1_000_000_000
 
 Wiring = Callable[[int], int]
 """Takes the pulse width last commanded, gives the one wanted now [us]."""
 
 
-def latency_ns(loop_rate_hz: float) -> int:
-    """Median time from override to output [ns] at a SCHED_LOOP_RATE [Hz]."""
-    return max(0, round(2 * _S / loop_rate_hz) - 3_000_000)
-
-
-def gate_latency_ns(loop_rate_hz: float) -> int:
-    """The same through the Lua gate."""
-    return latency_ns(loop_rate_hz) + round(_S / loop_rate_hz) + _GATE_NS
+def latency_ns(loop_rate_hz: float, *, script: bool = False) -> int:
+    """`override_latency_s` [ns]."""
+    return round(override_latency_s(loop_rate_hz, script=script) * _S)
 
 
 class Outputs:
@@ -65,7 +59,7 @@ class Outputs:
         self._t_ns = 0
         self._mixer = OmniMixer(parameters, rc, modes, failsafe)
         loop_rate_hz = parameters["SCHED_LOOP_RATE"]
-        self._latency_ns, self._gate_latency_ns = latency_ns(loop_rate_hz), gate_latency_ns(loop_rate_hz)
+        self._latency_ns, self._gate_latency_ns = latency_ns(loop_rate_hz), latency_ns(loop_rate_hz, script=True)
         self._wired: list[tuple[int, Wiring, int]] = []
         self._version = -1
         self._wanted_us = [0] * CHANNELS

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from companion.core.configuration.override_latency import override_latency_s
 from companion.core.preflight.rows import ParameterSet, Row, number
 from companion.core.preflight.rules.arming import arming_is_checked
 from companion.core.preflight.rules.making import expected, row
 from companion.core.preflight.wiring import Companion, Wiring
 
-SCRIPT_S, LATENCY_SLACK_S = 0.002, 0.015
-"""What a script adds to the latency beside one more loop (measured), and how far off the run file's latency may be
-(assumed)."""
+LATENCY_SLACK_S = 0.015
+"""How far off the run file's latency may be; assumed."""
 GOOD_LOOP_HZ = 63
 """80 % of it is 50 Hz, the rate of the streams."""
 VISION = {"VISO_TYPE": 1, "EK3_SRC1_POSXY": 6, "EK3_SRC1_VELXY": 0, "EK3_SRC1_VELZ": 0, "GPS1_TYPE": 0}
@@ -46,7 +46,7 @@ def _loop(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     fix = "" if fine else "set it to 200 and reboot"
     yield row("SCHED_LOOP_RATE", "ok" if fine else "warning", number(rate), "200", why, fix)
     if rate and w.kinds & {"script", "scaled"}:
-        latency_s = max(0.0, 2.0 / rate - 0.003) + (1.0 / rate + SCRIPT_S if w.of("script") else 0.0)
+        latency_s = override_latency_s(rate, script=bool(w.of("script")))
         fine = abs(latency_s - companion.latency_s) <= LATENCY_SLACK_S
         why = "the controller plans from where the boat will be when a command acts"
         fix = "" if fine else f"set control.latency_s of the run file to {latency_s:.3f}"

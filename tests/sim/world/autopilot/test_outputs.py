@@ -3,7 +3,7 @@ import random
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
-from sim.world.autopilot.outputs import gate_latency_ns, latency_ns
+from sim.world.autopilot.outputs import latency_ns
 from tests.sim.world.autopilot.autopilot_fixture import MS, Bench, S, command, override, texts
 
 PLAIN = {f"SERVO{n}_FUNCTION": 58 + n for n in range(1, 5)}  # RCIN9-12
@@ -165,7 +165,7 @@ def test_the_gate_costs_61_to_64_ms_at_50_hz_against_41():
 @pytest.mark.parametrize("rate_hz, lockstep_ms", [(50, 50.8), (100, 27.2), (200, 16.2)])
 def test_the_gate_is_as_late_as_in_lockstep(rate_hz, lockstep_ms):
     """Means of 4.6, docs/run-file.md; at 50 Hz by its messages, in real time, 61 to 64."""
-    assert gate_latency_ns(rate_hz) / MS == pytest.approx(lockstep_ms, abs=9.0 if rate_hz == 50 else 3.0)
+    assert latency_ns(rate_hz, script=True) / MS == pytest.approx(lockstep_ms, abs=9.0 if rate_hz == 50 else 3.0)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -57,9 +57,10 @@ def test_each_step_waits_until_the_script_has_had_its_turn(firmware, monkeypatch
 def test_a_script_that_waits_for_the_main_loop_stops_nothing(firmware, monkeypatch):
     monkeypatch.setattr(script_thread, "LIMIT_S", 0.02)
     firmware.script_runs()
-    waiting = ScriptThread(PID, firmware.proc)
+    waiting, began_s = ScriptThread(PID, firmware.proc), time.monotonic()
     for _ in range(3):
         waiting.wait_for_turn()
+    assert time.monotonic() - began_s >= 2 * 0.02, "each but the first has waited, and gone on"
 
 
 def test_one_without_scripts_or_that_starts_again_is_not_waited_for(firmware, monkeypatch):

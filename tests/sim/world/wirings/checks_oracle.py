@@ -15,12 +15,12 @@ from companion.core.preflight.autopilot import parameter_rows
 from companion.core.preflight.link import rest_rows
 from companion.core.preflight.observations import Disk, Observations
 from companion.core.preflight.rows import ParameterSet, Row
-from companion.core.preflight.wiring import BAND_US, Companion
+from companion.core.preflight.wiring import BAND_US
 from sim.world.autopilot.parameter_table import BOARD_PARAMETERS, TABLE
+from tests.companion.core.preflight.observations_fixture import COMPANION
 from tests.sim.world.autopilot.autopilot_fixture import Bench, command
 from tests.sim.world.wirings.wiring_fixture import load
 
-COMPANION = Companion((("fl", 9), ("fr", 10), ("rl", 11), ("rr", 12)), (1, 2, 3, 4), 1, 0.3, 0.015)
 PATIENCE_S = 15.0
 """Longer than every fail-safe of the shipped files: 6.5 s."""
 FORCE = 21196

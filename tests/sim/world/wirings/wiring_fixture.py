@@ -1,6 +1,6 @@
 """A boat with one of the parameter files in deploy/ardupilot: driven, then something happens to it.
 
-    outcome("gate", 0, "companion dies")   ->  Outcome(((1500, 0.53),))
+    outcome("gate", 0, "companion dies")   ->  Outcome(((1500, 0.52),))
 
 `python tests/sim/world/wirings/wiring_fixture.py` prints the table of docs/autopilot.md.
 """

@@ -66,12 +66,12 @@ class LowPass:
 
 
 class Ahrs:
-    """State of filters and attitude; one `advance` every `period_s`."""
+    """State of filters and attitude; one `advance` every `period_s`. `tilt_rad`: roll and pitch, once there are any."""
 
     def __init__(self, period_s: float):
         self._period_s = period_s
         self._gyro, self._accel = LowPass(1.0 / period_s), LowPass(1.0 / period_s)
-        self._tilt: tuple[float, float] | None = None
+        self.tilt_rad: tuple[float, float] | None = None
         self._sum, self._sum_s = [0.0, 0.0, 0.0], 0.0
         self._P, self._I = [0.0, 0.0], [0.0, 0.0]
         self._waiting, self._waiting_s = [0.0, 0.0], 0.0
@@ -89,20 +89,20 @@ class Ahrs:
 
     def _carry_on(self, accel: Vec3, gyro: Vec3) -> tuple[float, float]:
         """Roll and pitch one sample later."""
-        if self._tilt is None:  # a boat that is switched on levels at once
-            self._tilt = math.atan2(-accel[1], -accel[2]), math.atan2(accel[0], math.hypot(accel[1], accel[2]))
-        phi, theta = self._tilt
+        if self.tilt_rad is None:  # a boat that is switched on levels at once
+            self.tilt_rad = math.atan2(-accel[1], -accel[2]), math.atan2(accel[0], math.hypot(accel[1], accel[2]))
+        phi, theta = self.tilt_rad
         p, q, r = gyro[0] + self._P[0] + self._I[0], gyro[1] + self._P[1] + self._I[1], gyro[2]
         cp, sp, ct, st = math.cos(phi), math.sin(phi), math.cos(theta), math.sin(theta)
         about_down = q * sp + r * cp
-        self._tilt = phi + self._period_s * (p + about_down * st / ct), theta + self._period_s * (q * cp - r * sp)
+        self.tilt_rad = phi + self._period_s * (p + about_down * st / ct), theta + self._period_s * (q * cp - r * sp)
         down = sp * accel[1] + cp * accel[2]
         level = ct * accel[0] + st * down, cp * accel[1] - sp * accel[2], ct * down - st * accel[0]
         self._sum = [s + a for s, a in zip(self._sum, level, strict=True)]
         self._sum_s += self._period_s
         if self._sum_s >= CORRECTION_S - 1e-9:
             self._correct(math.sqrt(p * p + q * q + r * r))
-        return self._tilt
+        return self.tilt_rad
 
     def _correct(self, spin_rad_s: float) -> None:
         """Gains from the mean specific force since the last correction."""

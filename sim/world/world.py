@@ -171,7 +171,7 @@ class World(Afloat):
         self.rover = Rover(setup.boot_ns, wired, setup.drift_ppm, channels, setup.firmware, lambda peer: serial)
         self.receiver_us = setup.receiver_us
         self._ahrs = Ahrs(STEP_NS * 1e-9)
-        self._board = SitlBoard(setup.board, STEP_NS * 1e-9) if setup.board else None
+        self._board = SitlBoard(setup.board, setup.site, STEP_NS * 1e-9) if setup.board else None
         self._fix: GnssFix | None = None
         self._rotation_rad = math.radians(setup.site.rotation_deg)  # an autopilot's heading is from true north
 
@@ -201,7 +201,9 @@ class World(Afloat):
         reading = self.imu.measure(motion, moment, STEP_NS)
         if self._board:
             compass_rad = apply_heading_errors(self.vessel.sensors.imu, float(motion.x[2]))
-            reading = self._board.sense(reading, compass_rad, math.hypot(*motion.x[3:5]))
+            phi, theta = self._ahrs.tilt_rad or (moment.phi_rad, moment.theta_rad)
+            tilt_error = phi - moment.phi_rad, theta - moment.theta_rad
+            reading = self._board.sense(reading, compass_rad, math.hypot(*motion.x[3:5]), tilt_error)
         p, q, r = reading.gyro_rad_s
         raw = SensorFrame(
             accel_m_s2=reading.accel_m_s2, gyro_rad_s=reading.gyro_rad_s, phi_rad=reading.phi_rad,

@@ -1,4 +1,4 @@
-"""SITL's board: what its heading makes of gyros that warm up and of a compass that is late."""
+"""SITL's board: what its heading makes of gyros that warm up, and of a compass that is late and levelled wrongly."""
 
 import math
 
@@ -7,41 +7,66 @@ import pytest
 
 from sim.world.sensors import ImuReading
 from sim.world.sitl.board import DCM, EKF3_WITH_GPS, GYRO_DRIFT_RAD_S2, HeadingGains, SitlBoard
+from tests.support.excitation_fixture import BASIN as SITE
 
 PERIOD_S = 0.01
 
 
-def heading_error_deg(gains: HeadingGains, turn_rad_s: float, turn_s: float, after_s: float, u_m_s: float) -> float:
-    """Of a boat that turns for so long, then goes straight on at this speed."""
-    board, psi = SitlBoard(gains, PERIOD_S), 3.0
+def heading_error_deg(
+    gains: HeadingGains,
+    *,
+    turn_rad_s: float = 0.0,
+    turn_s: float = 0.0,
+    after_s: float = 0.0,
+    u_m_s: float = 0.0,
+    psi_rad: float = 3.0,
+    tilt_rad: tuple[float, float] = (0.0, 0.0),
+) -> float:
+    """Of a boat that turns for so long, then goes straight on at this speed, its roll and pitch off by `tilt_rad`."""
+    board, psi = SitlBoard(gains, SITE, PERIOD_S), psi_rad
     for k in range(round((turn_s + after_s) / PERIOD_S)):
         r = turn_rad_s if k * PERIOD_S < turn_s else 0.0
         psi += r * PERIOD_S
         reading = ImuReading((0.0, 0.0, -9.81), (0.0, 0.0, r), 0.0, 0.0, math.nan)
-        psi_rad = board.sense(reading, psi, u_m_s).psi_rad
-    return math.degrees(psi_rad - psi)
+        said_rad = board.sense(reading, psi, u_m_s, tilt_rad).psi_rad
+    return math.degrees(said_rad - psi)
 
 
 def test_the_gyros_warm_up():
-    board = SitlBoard(DCM, PERIOD_S)
+    board = SitlBoard(DCM, SITE, PERIOD_S)
     for _ in range(6000):
-        reading = board.sense(ImuReading((0.0, 0.0, -9.81), (0.1, 0.2, 0.3), 0.0, 0.0, 0.0), 0.0, 0.0)
+        reading = board.sense(ImuReading((0.0, 0.0, -9.81), (0.1, 0.2, 0.3), 0.0, 0.0, 0.0), 0.0, 0.0, (0.0, 0.0))
     assert np.subtract(reading.gyro_rad_s, (0.1, 0.2, 0.3)) == pytest.approx([math.radians(0.05)] * 3)
 
 
-@pytest.mark.parametrize("gains", [DCM, EKF3_WITH_GPS])
-def test_at_rest_the_heading_is_ahead_by_the_drift_over_the_integrals_gain(gains):
-    expected = math.degrees(GYRO_DRIFT_RAD_S2 / gains.gyro)
-    assert heading_error_deg(gains, 0.0, 0.0, 240.0, 0.0) == pytest.approx(expected, abs=0.02)
+def test_dcm_at_rest_is_ahead_by_the_drift_over_the_integrals_gain():
+    expected = math.degrees(GYRO_DRIFT_RAD_S2 / DCM.gyro)
+    assert heading_error_deg(DCM, after_s=240.0) == pytest.approx(expected, abs=0.005)
 
 
-def test_after_a_turn_the_dcm_has_followed_a_compass_that_is_late():
-    """k_psi times its delay of the turn: 0.2 x 0.04 x 90 degrees, less what 4.5 s take back."""
-    behind = heading_error_deg(DCM, math.radians(20), 4.5, 0.01, 0.0)
-    assert -0.72 < behind < -0.4
+def test_after_a_turn_dcm_has_followed_a_compass_that_is_late():
+    """The mean of 0.1 s is 45 ms late, and held for 50 ms more on average; an EKF compares samples of one time."""
+    turn_rad_s = math.radians(15)
+    assert -1.2 < heading_error_deg(DCM, turn_rad_s=turn_rad_s, turn_s=6.0) < -0.3
+    assert abs(heading_error_deg(EKF3_WITH_GPS, turn_rad_s=turn_rad_s, turn_s=6.0)) < 0.02
 
 
-def test_under_way_with_gps_the_heading_slips_and_at_rest_it_does_not():
-    """Measured on 4.6: 1.1 degrees after 100 s under way."""
-    assert abs(heading_error_deg(EKF3_WITH_GPS, 0.0, 0.0, 100.0, 0.0)) < 0.02
-    assert heading_error_deg(EKF3_WITH_GPS, 0.0, 0.0, 100.0, 0.5) == pytest.approx(1.1, abs=0.2)
+@pytest.mark.parametrize("psi_deg", [0.0, 90.0, 200.0])
+def test_dcm_levels_its_compass_by_its_own_roll_and_pitch(psi_deg: float):
+    """By the matrix of roll and pitch, as AP_AHRS_DCM does (mulXY); the field dips by 14 degrees here."""
+    phi, theta = math.radians(1.0), math.radians(-1.0)
+    down, psi = math.tan(math.radians(14.2)), math.radians(psi_deg)
+    ahead = math.cos(psi) * math.cos(theta) + (down * math.cos(phi) - math.sin(psi) * math.sin(phi)) * math.sin(theta)
+    starboard = -math.sin(psi) * math.cos(phi) - down * math.sin(phi)
+    expected = math.degrees(math.atan2(-starboard, ahead) - psi)
+    expected = (expected + 180) % 360 - 180
+    tilted = heading_error_deg(DCM, psi_rad=psi, after_s=120.0, tilt_rad=(phi, theta))
+    assert tilted - heading_error_deg(DCM, psi_rad=psi, after_s=120.0) == pytest.approx(expected, abs=0.03)
+    assert abs(expected) > 0.1
+
+
+def test_with_gps_the_drift_that_is_known_is_that_of_the_moment_of_setting_off():
+    """Measured on 4.6: 1.1 degrees after 100 s under way that began at 30 s."""
+    assert abs(heading_error_deg(EKF3_WITH_GPS, after_s=100.0)) < 0.001
+    slipped = heading_error_deg(EKF3_WITH_GPS, after_s=100.0, u_m_s=0.5)
+    assert slipped == pytest.approx(0.97, abs=0.1)

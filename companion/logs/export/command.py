@@ -156,11 +156,12 @@ def export_rosbag2(path: Path, out: Path, *, truth: Path | None = None) -> int:
     log, simulator = LogFile(path), open_truth(truth) if truth else None
     new_file(out, is_folder=True)
     try:
-        count, left_out = rosbag2.write(log, out, simulator)
+        count, left_out, refused = rosbag2.write(log, out, simulator)
     except OSError as error:
         raise LogError(_reason(error)) from None
     size = sum(p.stat().st_size for p in out.iterdir()) / 1e6
     odd = f", {left_out} left out: a number in them is beyond what ROS holds" if left_out else ""
+    odd += f"; no path and no forces: {refused}" if refused else ""
     summary_line = f"wrote {out}: {count} messages, {size:.1f} MB{odd}"
     return _end(Console(), summary_line, [*log.damage, *(simulator.damage if simulator else ())])
 

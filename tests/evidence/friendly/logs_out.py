@@ -60,7 +60,7 @@ def rosbag2_folder(full: bool) -> Iterator[Line]:
     """ROS 2: a log as a bag, read by the rosbags library and its message types"""
     with tempfile.TemporaryDirectory() as folder:
         log, out = LogFile(page_log(Path(folder))), Path(folder) / "bag"
-        count, left_out = rosbag2.write(log, out)
+        count, left_out, _ = rosbag2.write(log, out)
         states, read, off = _known(log), 0, []
         with AnyReader([out]) as bag:
             packages = {connection.msgtype.split("/")[0] for connection in bag.connections}

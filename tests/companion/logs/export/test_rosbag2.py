@@ -99,7 +99,7 @@ def test_what_was_logged_comes_back(
         m.UwbPosition(**measured, tag="T", x_m=place[1], y_m=place[0], z_m=1.5),
         site=SITE.format(lat=site[0], lon=site[1], turn=site[2]),
     )  # fmt: skip
-    assert rosbag2.write(log, folder / "bag") == (9, 0)
+    assert rosbag2.write(log, folder / "bag") == (9, 0, "")
     found = bag(folder / "bag")
     ((at_ns, odometry),), ((imu_ns, sample),) = found["/odometry"], found["/imu/data_raw"]
     assert (at_ns, stamp_ns(odometry.header)) == (t_ns + OFFSET_NS, t_ns + OFFSET_NS)
@@ -221,6 +221,14 @@ def test_a_site_that_this_version_refuses_turns_nothing_silently(tmp_path):
     with pytest.raises(ConfigError, match=r"t\.mcap: site\.toml"):
         rosbag2.write(log, tmp_path / "bag")
     assert not (tmp_path / "bag").exists()
+
+
+def test_a_vessel_file_that_this_version_refuses_leaves_out_the_path_and_says_so(tmp_path, capsys):
+    newer = record_run(tmp_path / "newer.mcap", simulated()[:50], vessel=lambda text: "schema = 99\n" + text)
+    assert run(newer, "--rosbag2", "--out", tmp_path / "bag") == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "no path and no forces" in told and "vessel.toml" in told
+    assert "/path" not in bag(tmp_path / "bag")
 
 
 def test_a_number_beyond_what_ros_holds_is_left_out_and_told(tmp_path, capsys):

@@ -114,6 +114,7 @@ def test_an_autopilot_that_falls_silent_ends_in_neutral_leases():
     assert [lease.index for lease in run.of(OverrideLease)] == [tick.index for tick in run.of(Tick)]
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_messages(calm):
     again = voyage(1)
     again.run(lambda r: False, 15.0)

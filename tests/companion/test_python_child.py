@@ -18,7 +18,7 @@ time.sleep(60)
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_it_ends_with_its_parent(number, tmp_path):
     with subprocess.Popen(python("-c", PARENT), stdout=subprocess.PIPE, text=True, cwd=tmp_path) as parent:
         child = psutil.Process(int(parent.stdout.readline()))

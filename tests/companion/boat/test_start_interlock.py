@@ -86,7 +86,7 @@ def test_stop_never_waits_and_takes_a_waiting_start_back(path):
 PLUGGED_IN_S = 25.0
 
 
-@pytest.mark.parametrize("command", ["start", "hold", "manual"])
+@pytest.mark.parametrize("command", ["start", *(pytest.param(c, marks=pytest.mark.long) for c in ("hold", "manual"))])
 @pytest.mark.parametrize("cleared", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_an_order_without_an_autopilot_expires(command, cleared, path):
     """It waited for ever: obeyed an hour later, in the moment in which an autopilot was plugged in."""

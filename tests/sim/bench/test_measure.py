@@ -39,9 +39,8 @@ def order() -> BenchRequest:
     )
 
 
-@pytest.mark.parametrize(
-    ("problem", "near"), [("production", 0.05), pytest.param("paper", 0.02, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("problem", "near"), [("production", 0.05), ("paper", 0.02)])
 def test_every_solver_that_runs_here_solves_the_same_problem(problem, near):
     """First commands of six ticks of seed 1 within `near` [N, kgf] of IPOPT's; converged ones within a thousandth."""
     timed, refused = compare.compared(order(), problem)

@@ -113,7 +113,14 @@ def stamp_errors(path: Path, start_us: int = UNIX_US, column: str = "psi_rad") -
 
 
 @pytest.mark.parametrize("silent_s", [0.0, 30.0])
-@pytest.mark.parametrize("steps", [((100, 2.0),), ((100, -0.8),), ((120, -0.8), (160, 3.0)), ((40, 3600.0),)])
+@pytest.mark.parametrize(
+    "steps",
+    [
+        *(pytest.param(((100, s),), marks=pytest.mark.long) for s in (2.0, -0.8)),
+        ((120, -0.8), (160, 3.0)),
+        ((40, 3600.0),),
+    ],
+)
 def test_a_ground_stations_clock_that_is_set_does_not_stretch_time(tmp_path, steps, silent_s):
     """After so many seconds by so much: attitudes and fixes by arrival go on evenly, by the clock as it mostly was."""
     boat = Autopilot(200.0, drift=1e-4, jitter_s=0.02)

@@ -66,7 +66,7 @@ def seen(vessel, effect: Effect) -> np.ndarray:
 @pytest.mark.parametrize(
     ("id", "values", "within"),
     [
-        ("thruster_gain:rear_port", [-0.4], 0.04),
+        pytest.param("thruster_gain:rear_port", [-0.4], 0.04, marks=long),
         ("current", [0.1, -0.06], 0.01),
         ("hard_iron", [4.0, -3.0], 0.8),
         pytest.param("uwb_lever_arm", [0.2, -0.1], 0.03, marks=long),

@@ -99,12 +99,11 @@ class ThrusterMonitor(Monitor[ThrusterState]):
     def on_message(
         self, state: ThrusterState, message: ImuSample | Attitude | OperatorCommand, t_ns: int
     ) -> tuple[ThrusterState, MonitorReport]:
-        """Collect what the tick will need; a new start forgets that nothing can be done, not what was found."""
+        """Collect what the tick will need; a new start forgets that nothing can be done, not which thruster it is."""
         if isinstance(message, OperatorCommand):
             if message.command == "stop" or not (state.hopeless or state.accel_off or state.suspected):
                 return state, NOTHING
-            bank = self._bank.initial()
-            return replace(state, hopeless="", accel_off=False, suspected="", pending=None, bank=bank), NOTHING
+            return self._begun_anew(state, by_hand=message.command == "manual"), NOTHING
         sensor = self._sensors[type(message)]
         if sensor.screen(message)[0] is None:
             return state, NOTHING
@@ -118,6 +117,20 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             state, found = self._stepped(replace(state, pending=None), pending)
             alerts = found.alerts
         return state, MonitorReport(alerts=alerts, withhold=state.accel_off)
+
+    def _begun_anew(self, state: ThrusterState, *, by_hand: bool) -> ThrusterState:
+        """After a new order: the power of a thruster that could not be borne has been cut, as was told, unless the boat
+        is fetched by hand; one that still pushes is found again.
+        """
+        state = replace(state, bank=self._bank.initial(), accel_off=False, suspected="", pending=None)
+        if by_hand:
+            return state
+        stuck = tuple(force if self._is_bearable(i, force) else 0.0 for i, force in enumerate(state.health.stuck_n))
+        return replace(state, health=replace(state.health, stuck_n=stuck), hopeless="")
+
+    def _is_bearable(self, i: int, stuck_n: float | None) -> bool:
+        """Whether the others can hold against thruster `i`, stuck at this force (None: not stuck)."""
+        return stuck_n is None or abs(stuck_n) <= BEARABLE_SHARE * self._vessel.thrusters[i].most_N
 
     def on_tick(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
         """The tick's motion; its residual goes through the bank with the next sample: no tick waits for that."""
@@ -147,7 +160,8 @@ class ThrusterMonitor(Monitor[ThrusterState]):
 
     def _judge(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
         nats, kinds = state.bank.nats, self._bank.hypotheses
-        order = np.argsort(nats)[::-1]
+        stuck = state.health.stuck_n  # for one whose force is always the same, another gain says nothing else
+        order = [k for k in np.argsort(nats)[::-1] if not (kinds[k].kind == "gain" and stuck[kinds[k].i] is not None)]
         best = order[0]
         report = _report(state)
         asks = nats[best] >= ASK_NATS and kinds[best].is_thruster and not view.suspect
@@ -182,7 +196,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         h, mean, health = self._bank.hypotheses[k], state.bank.mean[k], state.health
         nats = float(state.bank.nats[k])
         gains, stuck, order = list(health.gains), list(health.stuck_n), list(health.order)
-        hopeless, cause, what, text = "", "thruster", h.kind, _words(h, self._names)
+        hopeless, cause, what, text = state.hopeless, "thruster", h.kind, _words(h, self._names)
         if h.kind == "gain":
             gain = 1.0 + float(mean[3 + h.i])
             if gain > FINE_GAIN:
@@ -194,9 +208,8 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         elif h.kind == "stuck":
             what = self._names[h.i]
             stuck[h.i] = force = float(mean[-1])
-            share = abs(force) / self._vessel.thrusters[h.i].most_N
             text = f"thruster {what} is stuck at {force:.0f} N whatever it is told"
-            hopeless = f"{text}; cut its power" if share > BEARABLE_SHARE else ""
+            hopeless = hopeless if self._is_bearable(h.i, force) else f"{text}; cut its power"
         elif h.kind == "swap":
             order[h.i], order[h.j] = order[h.j], order[h.i]
             text = f"{text}: each gets the other's pulse"
@@ -209,6 +222,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             cause, text = "surroundings", "something pushes the boat harder than water and wind usually do"
         if cause != "thruster":
             return self._elsewhere(state, Finding(cause, what, text, view.t_ns, nats), view)
+        hopeless = "" if all(map(self._is_bearable, range(len(stuck)), stuck)) else hopeless
         finding = Finding("thruster", what, text, view.t_ns, nats)
         alert = Alert(t_ns=view.t_ns, level="error", text=f"{text} ({nats:.0f} nats)")
         state = replace(

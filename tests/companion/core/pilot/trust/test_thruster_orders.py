@@ -1,0 +1,72 @@
+"""What a new order, and a second finding, leave of what was found of thrusters. Seeds 5 and 6."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.core.messages import OperatorCommand
+from companion.core.model.manoeuvring import mass_matrix
+from companion.core.model.thrusters import configuration_matrix
+from companion.core.pilot.monitors.monitor import TickView
+from companion.core.pilot.trust.hypothesis_bank import NOISE
+from companion.core.pilot.trust.remaining_thrust import RemainingThrust, ThrusterHealth
+from companion.core.pilot.trust.thruster_monitor import ThrusterMonitor
+from tests.support.drive_fixture import setup
+
+VESSEL = setup().pilot.vessel
+B, M = configuration_matrix(VESSEL), mass_matrix(VESSEL)
+REMAINING, MONITOR = RemainingThrust(VESSEL), ThrusterMonitor(VESSEL)
+AHEAD = np.full(4, 7.0)
+
+
+def driven(state, first_n, seconds, seed=5):
+    """After so long, or at `crippled`; thruster 0 really gives `first_n` [N]."""
+    rng, f = np.random.default_rng(seed), np.zeros(4)
+    for k in range(10 * seconds):
+        t_ns = k * 100_000_000
+        f = f + 0.1 * (rng.normal(0, 15, 4) - f)
+        told = REMAINING.redistribute(f + (REMAINING.probe(t_ns) if state.probing else 0.0), state.health)
+        residual = B[:, 0] * (first_n - told[0]) + rng.normal(0, NOISE)
+        bank = MONITOR._bank.step(state.bank, residual, told, np.linalg.solve(M, B @ told)[:2], 0.1)
+        if t_ns >= state.quiet_until_ns:
+            state, _ = MONITOR._judge(replace(state, bank=bank), TickView(t_ns, 0, None, 0, True, driving=True))
+        if state.hopeless:
+            break
+    return replace(state, quiet_until_ns=0)
+
+
+def ordered(state, command):
+    return MONITOR.on_message(state, OperatorCommand(t_ns=0, command=command), 0)[0]
+
+
+def comes(state, first_n):
+    """The body force that comes where `AHEAD` is asked for."""
+    told = REMAINING.redistribute(AHEAD, state.health)
+    return B @ np.array([first_n, *told[1:]])
+
+
+def crippled():
+    state = driven(MONITOR.initial, 20.0, 20)
+    assert "stuck" in state.hopeless and state.health.stuck_n[0] > 15.0
+    return state
+
+
+def test_a_boat_whose_stuck_thruster_was_switched_off_as_told_does_not_hold_against_it_any_more():
+    state = driven(ordered(crippled(), "start"), 0.0, 30)
+    assert not state.hopeless and not state.suspected
+    assert comes(state, 0.0) == pytest.approx(B @ AHEAD, abs=0.5)
+
+
+def test_a_thruster_that_is_still_stuck_stops_the_boat_again_after_a_new_start():
+    assert "stuck" in driven(ordered(crippled(), "start"), 20.0, 20).hopeless
+
+
+def test_a_boat_that_is_fetched_by_hand_holds_against_it_and_a_stop_changes_nothing():
+    assert comes(ordered(ordered(crippled(), "stop"), "manual"), 20.0) == pytest.approx(B @ AHEAD, abs=2.0)
+
+
+def test_a_thruster_that_was_stuck_and_is_free_of_it_is_named_and_no_longer_held_against():
+    stuck = replace(MONITOR.initial, health=ThrusterHealth((1.0,) * 4, (10.0, None, None, None), (0, 1, 2, 3)))
+    state = driven(stuck, 0.0, 120, seed=6)
+    assert state.health.stuck_n[0] == pytest.approx(0.0, abs=3.0) and not state.suspected

@@ -120,9 +120,11 @@ class ThrusterMonitor(Monitor[ThrusterState]):
 
     def _begun_anew(self, state: ThrusterState, *, by_hand: bool) -> ThrusterState:
         """After a new order: the power of a thruster that could not be borne has been cut, as was told, unless the boat
-        is fetched by hand; one that still pushes is found again.
+        is fetched by hand; one that still pushes is found again. So is a sensor that is still wrong.
         """
-        state = replace(state, bank=self._bank.initial(), accel_off=False, suspected="", pending=None)
+        findings = tuple(f for f in state.findings if f.cause != "sensor")
+        bank = self._bank.initial()
+        state = replace(state, bank=bank, findings=findings, accel_off=False, suspected="", pending=None)
         if by_hand:
             return state
         stuck = tuple(force if self._is_bearable(i, force) else 0.0 for i, force in enumerate(state.health.stuck_n))

@@ -70,3 +70,16 @@ def test_a_thruster_that_was_stuck_and_is_free_of_it_is_named_and_no_longer_held
     stuck = replace(MONITOR.initial, health=ThrusterHealth((1.0,) * 4, (10.0, None, None, None), (0, 1, 2, 3)))
     state = driven(stuck, 0.0, 120, seed=6)
     assert state.health.stuck_n[0] == pytest.approx(0.0, abs=3.0) and not state.suspected
+
+
+def found(state, kind, i=-1, j=-1):
+    bank = MONITOR._bank
+    k = next(n for n, h in enumerate(bank.hypotheses) if (h.kind, h.i, h.j) == (kind, i, j))
+    return MONITOR._found(state, k, TickView(0, 0, None, 0, True, driving=True))[0]
+
+
+def test_an_accelerometer_that_is_still_wrong_after_a_new_start_is_left_out_again():
+    state = found(MONITOR.initial, "accel")
+    assert state.accel_off
+    state = ordered(state, "start")
+    assert not state.accel_off and found(state, "accel").accel_off

@@ -213,7 +213,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
             text = f"thruster {what} is stuck at {force:.0f} N whatever it is told"
             hopeless = hopeless if self._is_bearable(h.i, force) else f"{text}; cut its power"
         elif h.kind == "swap":
-            order[h.i], order[h.j] = order[h.j], order[h.i]
+            order = [{h.i: h.j, h.j: h.i}.get(k, k) for k in order]
             text = f"{text}: each gets the other's pulse"
         elif h.kind == "reversed":
             gains = [-g for g in gains]

@@ -83,3 +83,12 @@ def test_an_accelerometer_that_is_still_wrong_after_a_new_start_is_left_out_agai
     assert state.accel_off
     state = ordered(state, "start")
     assert not state.accel_off and found(state, "accel").accel_off
+
+
+def test_three_thrusters_that_changed_places_are_told_apart_by_two_findings():
+    """Channel c drives thruster hangs[c]. What the first finding leaves is that 0 and 2 have changed places."""
+    hangs = (1, 2, 0, 3)
+    health = found(found(MONITOR.initial, "swap", 0, 1), "swap", 0, 2).health
+    f = np.array([2.0, 4.0, 6.0, 8.0])
+    pulses, sound = REMAINING.pulses(f, health, 15.0), REMAINING.pulses(f, MONITOR.initial.health, 15.0)
+    assert [pulses[hangs.index(i)] for i in range(4)] == list(sound)

@@ -99,10 +99,10 @@ class ThrustCommander:
         return self.settings.guidance.end == "drift" and state.guidance.phase in ("station", "done")
 
     def _by_hand(self, state: PilotState, t_ns: int) -> tuple[PilotState, Outputs]:
-        """Forces of the sticks, with the thrusters' rate limit."""
+        """Forces of the sticks; the thrusters' rate limit comes after what is lost of them (`_with_what_is_left`)."""
         sticks = state.monitor(Sticks)
         wanted = self._sticks.commands(sticks, np.array(state.f_command_n), self.settings.control.period_s)
-        f = np.clip(self._check.within_rate(np.array(state.f_command_n), wanted), *self._limits)
+        f = np.clip(wanted, *self._limits)
         source = sticks.last.source if sticks.last else ""
         return self._lease(state, f, "manual", source, t_ns)
 
@@ -216,7 +216,7 @@ class ThrustCommander:
             if thrusters.probing:
                 f_n = np.clip(f_n + self._remaining.probe(t_ns), *self._limits)
             f_n = self._remaining.redistribute(f_n, thrusters.health)
-        if source in ("plan", "shifted_plan", "pd"):
+        if source in ("plan", "shifted_plan", "pd", "manual"):
             f_n = self._check.within_rate(self._acting(state, t_ns), f_n)
         return f_n, self._remaining.pulses(f_n, thrusters.health, voltage_v)
 

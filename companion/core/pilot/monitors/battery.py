@@ -53,12 +53,15 @@ class BatteryMonitor(Monitor[BatteryState]):
         self._limits, self._range_v = limits, pack_range(nominal_v)
 
     def on_message(self, state: BatteryState, message: Battery, t_ns: int) -> tuple[BatteryState, MonitorReport]:
-        """Take a reading; one that no pack of this nominal voltage has is left out."""
-        least, most = self._range_v
-        if not least <= message.voltage_v <= most:
+        """Take a reading; a voltage that no pack of this nominal one has is left out, as are per cent that none has."""
+        (least, most), mean, percent = self._range_v, state.voltage_v, state.percent
+        is_charge = message.remaining_percent is not None and 0 <= message.remaining_percent <= 100
+        if is_voltage := least <= message.voltage_v <= most:
+            mean += VOLTAGE_SHARE * (message.voltage_v - mean)
+        if is_charge:
+            percent = message.remaining_percent
+        if not (is_voltage or is_charge):
             return state, NOTHING
-        mean = state.voltage_v + VOLTAGE_SHARE * (message.voltage_v - state.voltage_v)
-        percent = state.percent if message.remaining_percent is None else message.remaining_percent
         state, limits, t_ns = replace(state, voltage_v=mean, percent=percent), self._limits, message.t_ns
         low_ns, low = _passed(state, state.low_ns, state.low, limits.low_V, limits.low_percent, t_ns)
         critical_ns, critical = _passed(

@@ -97,6 +97,14 @@ def test_per_cent_count_too(percent, low, critical):
     assert not drained(15.6, 6, percent, limits=BatteryLimits()).low, "without limits nothing is low"
 
 
+@pytest.mark.parametrize("volts", [0.0, 7.0, 65.5, math.nan])
+def test_per_cent_count_too_where_the_voltage_is_no_packs(volts):
+    """Nobody had said that they do not: with such a voltage only "thrust is reckoned without it" is told."""
+    pack = drained(volts, 6, 14)
+    assert pack.low and pack.critical and pack.voltage_v == FULL.voltage_v
+    assert not drained(volts, 6, 30).low and drained(volts, 6, 101) == FULL
+
+
 def test_no_monitor_is_no_empty_pack():
     assert drained(0.0, 60) == FULL
 

@@ -124,7 +124,8 @@ class App:
         """Hand an operator's command to the pilot, once the guard lets it pass, which may take `waits_s` and no longer;
         whether the pilot has it now.
         """
-        if self._faults.failure or not (self._guard is None or self._guard.passes(command, waits_s)):
+        ends = self._faults.failure or (self._stop.is_set() and command.command != "stop")
+        if ends or not (self._guard is None or self._guard.passes(command, waits_s)):
             return False
         self._step([command], self._clock.now_ns())
         return True
@@ -137,9 +138,8 @@ class App:
     @property
     def refusal(self) -> str | None:
         """Why no command but a stop comes to the pilot; None: it may, or waits for the guard's check."""
-        if self._faults.failure:
-            return "the run ends after a fault"
-        return self._guard.refusal if self._guard else None
+        ends = "the run ends" if self._stop.is_set() else None  # a fault sets it as well
+        return ends or (self._guard.refusal if self._guard else None)
 
     def load(self, mission: NewMission) -> bool:
         """Hand the pilot another mission, unless one is driven; whether it has it now."""

@@ -137,3 +137,20 @@ def test_by_hand_over_the_wire_and_neutral_when_the_hands_are_gone(path):
 def test_a_slow_tag_is_given_its_time(rate_hz, stale_s, lost_s):
     timing = device_timing(rate_hz)
     assert (timing.stale_after_s, timing.lost_after_s) == (stale_s, lost_s)
+
+
+@pytest.mark.parametrize("order", ["start", "hold", "manual"])
+def test_an_order_that_is_given_while_the_run_ends_moves_nothing(path, order):
+    """A key that is pressed in the second of neutral made the boat drive off once more."""
+    bench = Bench(path)
+
+    async def story(bench):
+        await bench.drive()
+        bench.app.stop()
+        await bench.run(0.15)
+        assert not bench.app.command(OperatorCommand(t_ns=bench.clock.now_ns(), command=order))
+        assert bench.app.refusal
+        await bench.run(3.0, until=bench.running.done)
+
+    assert bench.scene(story) is None
+    ends_in_order(bench)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -200,13 +201,17 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         gains, stuck, order = list(health.gains), list(health.stuck_n), list(health.order)
         hopeless, cause, what, text = state.hopeless, "thruster", h.kind, _words(h, self._names)
         if h.kind == "gain":
-            gain = 1.0 + float(mean[3 + h.i])
-            if gain > FINE_GAIN:
+            gain, what = 1.0 + float(mean[3 + h.i]), self._names[h.i]
+            if gain > FINE_GAIN and (gain < 1 / FINE_GAIN or abs(gains[h.i]) > FINE_GAIN):
                 return state, NOTHING
             gain = 0.0 if REVERSED_GAIN < gain < DEAD_GAIN else max(-1.0, gain)
             gains[h.i] *= -1.0 if gain < 0 else gain
-            what = self._names[h.i]
-            text = f"thruster {what} {_gain_words(gain)}; the others take over"
+            if gain > 1.0:  # one that was weak has come to its force again
+                share = 1.0 if abs(gains[h.i]) > FINE_GAIN else abs(gains[h.i])
+                gains[h.i] = math.copysign(share, gains[h.i])
+                text = f"thruster {what} gives {100 * share:.0f} % of its force again"
+            else:
+                text = f"thruster {what} {_gain_words(gain)}; the others take over"
         elif h.kind == "stuck":
             what = self._names[h.i]
             stuck[h.i] = force = float(mean[-1])

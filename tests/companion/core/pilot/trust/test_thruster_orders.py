@@ -21,13 +21,14 @@ AHEAD = np.full(4, 7.0)
 
 
 def driven(state, first_n, seconds, seed=5):
-    """After so long, or at `crippled`; thruster 0 really gives `first_n` [N]."""
+    """After so long, or at `crippled`; thruster 0 really gives `first_n` [N], of what it is told or a number."""
     rng, f = np.random.default_rng(seed), np.zeros(4)
     for k in range(10 * seconds):
         t_ns = k * 100_000_000
         f = f + 0.1 * (rng.normal(0, 15, 4) - f)
         told = REMAINING.redistribute(f + (REMAINING.probe(t_ns) if state.probing else 0.0), state.health)
-        residual = B[:, 0] * (first_n - told[0]) + rng.normal(0, NOISE)
+        real_n = first_n(told[0]) if callable(first_n) else first_n
+        residual = B[:, 0] * (real_n - told[0]) + rng.normal(0, NOISE)
         bank = MONITOR._bank.step(state.bank, residual, told, np.linalg.solve(M, B @ told)[:2], 0.1)
         if t_ns >= state.quiet_until_ns:
             state, _ = MONITOR._judge(replace(state, bank=bank), TickView(t_ns, 0, None, 0, True, driving=True))
@@ -70,6 +71,18 @@ def test_a_thruster_that_was_stuck_and_is_free_of_it_is_named_and_no_longer_held
     stuck = replace(MONITOR.initial, health=ThrusterHealth((1.0,) * 4, (10.0, None, None, None), (0, 1, 2, 3)))
     state = driven(stuck, 0.0, 120, seed=6)
     assert state.health.stuck_n[0] == pytest.approx(0.0, abs=3.0) and not state.suspected
+
+
+@pytest.mark.parametrize(("known", "now", "share"), [(0.4, 1.0, 1.0), (0.3, 0.6, 0.6), (-0.4, -1.0, -1.0)])
+def test_a_weak_thruster_that_comes_to_its_force_again_is_not_driven_harder_any_more(known, now, share):
+    """Weed that goes: it got a pulse for 2.5 times the force, and gave that, for the rest of the run."""
+    weak = replace(MONITOR.initial, health=ThrusterHealth((known, 1.0, 1.0, 1.0), (None,) * 4, (0, 1, 2, 3)))
+    state = weak
+    for _ in range(10):
+        state = driven(state, lambda told_n, state=state: told_n * now / state.health.gains[0], 20)
+        if state.health != weak.health:
+            break
+    assert state.health.gains[0] == pytest.approx(share, abs=0.15)
 
 
 def found(state, kind, i=-1, j=-1):

@@ -28,6 +28,8 @@ ASK_NATS = 5.0
 """From so much on forces that cancel each other are commanded, which tell one thruster from the others; assumed."""
 FINE_GAIN, DEAD_GAIN, REVERSED_GAIN = 0.75, 0.2, -0.25
 """A gain above the first is fine, below the second dead, below the third reversed."""
+DEAD_N = 1.5
+"""A thruster that is stuck at less is dead; assumed: half of what the boat asks with."""
 SETTLES_NS = 2_000_000_000
 """After a start or a gap the filter's tilt settles; assumed."""
 WAVE_TICKS, PUSHED_NATS = 30, 40.0
@@ -171,7 +173,12 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         state = replace(state, probing=asks)
         if nats[best] < SURE_NATS or view.suspect:
             return state, report
-        rivals = [kinds[k] for k in order[1:] if nats[k] > nats[best] - AHEAD_NATS]
+        near = [k for k in order if nats[k] > nats[best] - AHEAD_NATS]
+        dead = [k for k in near if kinds[k].i == kinds[best].i and self._says_dead(state, k)]
+        if best in dead:  # to give nothing of what is asked for, and to be stuck at nothing, is the same
+            near = [k for k in near if k not in dead]
+            best = min(dead)
+        rivals = [kinds[k] for k in near if k != best]
         if kinds[best].kind != "pushed":  # that would have to push just as a thruster or a bad accelerometer does
             rivals = [h for h in rivals if h.kind != "pushed"]
         if kinds[best].kind == "pushed" and rivals and all(h.blames_accelerometer for h in rivals):
@@ -183,6 +190,13 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         if not kinds[best].blames_thrust and (state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS):
             return state, report
         return self._found(state, int(best), view)
+
+    def _says_dead(self, state: ThrusterState, k: int) -> bool:
+        """Whether by hypothesis `k` a thruster gives nothing."""
+        h, mean = self._bank.hypotheses[k], state.bank.mean[k]
+        if h.kind == "gain":
+            return REVERSED_GAIN < 1.0 + float(mean[3 + h.i]) < DEAD_GAIN
+        return h.kind == "stuck" and abs(float(mean[-1])) < DEAD_N
 
     def _undecided(
         self, state: ThrusterState, rivals: list[ThrustHypothesis], view: TickView

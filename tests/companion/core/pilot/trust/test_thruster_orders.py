@@ -1,4 +1,4 @@
-"""What a new order, and a second finding, leave of what was found of thrusters. Seeds 5 and 6."""
+"""What is found of a dead thruster, and what a new order and a second finding leave of it. Seeds 5 and 6."""
 
 from dataclasses import replace
 
@@ -71,6 +71,13 @@ def test_a_thruster_that_was_stuck_and_is_free_of_it_is_named_and_no_longer_held
     stuck = replace(MONITOR.initial, health=ThrusterHealth((1.0,) * 4, (10.0, None, None, None), (0, 1, 2, 3)))
     state = driven(stuck, 0.0, 120, seed=6)
     assert state.health.stuck_n[0] == pytest.approx(0.0, abs=3.0) and not state.suspected
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_a_dead_thruster_is_called_dead_and_not_one_of_two_that_say_the_same(seed):
+    """Nothing of what is asked for, or stuck at nothing: both explain it alike, for ever, and nobody took over."""
+    state = driven(MONITOR.initial, 0.0, 40, seed)
+    assert state.health.gains == (0.0, 1.0, 1.0, 1.0) and not state.suspected
 
 
 @pytest.mark.parametrize(("known", "now", "share"), [(0.4, 1.0, 1.0), (0.3, 0.6, 0.6), (-0.4, -1.0, -1.0)])

@@ -19,7 +19,7 @@ from companion.core.pilot.autopilot_state import is_alive
 from companion.core.pilot.modes import Taken
 from companion.core.preflight.autopilot import further_parameter_names, parameter_names, parameter_rows
 from companion.core.preflight.rows import ParameterSet, Row
-from companion.core.preflight.wiring import Companion
+from companion.core.preflight.wiring import Companion, untold_functions
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.parameter_reader import ParameterReader
 from drivers.mavlink.parameter_watch import ParameterChange, ParameterWatch
@@ -46,7 +46,7 @@ class StartInterlock:
         self._codec, self._companion = codec, companion
         self._reader: ParameterReader | None = None
         self._watch: ParameterWatch | None = None
-        self._more = False
+        self._more = self._patient = False
         self._reboots = codec.clock.reboots
         self._heard_ns: int | None = None
         self._held: OperatorCommand | None = None
@@ -90,7 +90,8 @@ class StartInterlock:
         if self._reader is None:
             if not heartbeat:
                 return []
-            self._reader, self._more = ParameterReader(self._codec.encoder, parameter_names(self._companion)), False
+            self._reader = ParameterReader(self._codec.encoder, parameter_names(self._companion))
+            self._more = self._patient = False
         frames = self._reader.step(messages, t_ns)
         if self._reader.done:
             frames += self._read(self._reader, t_ns)
@@ -146,6 +147,12 @@ class StartInterlock:
             if self._held:
                 self._say(t_ns, "warning", "the autopilot does not tell its parameters: still waiting, not starting")
             return []
+        if untold := untold_functions(parameters):  # nobody knows what these outputs carry: only they are asked again
+            if self._held and not self._patient:
+                self._say(t_ns, "warning", f"the autopilot does not tell {', '.join(untold)}: still waiting")
+            self._patient = True
+            reader.ask(untold)
+            return reader.step((), t_ns)
         names = (*parameter_names(self._companion), *further_parameter_names(parameters))
         self._watch = ParameterWatch(self._codec.encoder, reader.values, names)
         self._judge(reader.values, t_ns)

@@ -17,6 +17,7 @@ from companion.core.preflight.rules.readiness import VISION
 from companion.core.preflight.wiring import MORE_OUTPUTS, OUTPUTS, Companion, wiring
 
 RULES: tuple[Rule, ...] = (
+    outputs.untold_outputs,
     outputs.thruster_outputs,
     outputs.trims,
     outputs.scaled_outputs,

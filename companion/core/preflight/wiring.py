@@ -98,6 +98,11 @@ def output_names(p: ParameterSet) -> range:
     return range(1, (MORE_OUTPUTS if p.whole("SERVO_32_ENABLE") else OUTPUTS) + 1)
 
 
+def untold_functions(p: ParameterSet) -> tuple[str, ...]:
+    """Outputs of which nobody knows what they carry: names of the SERVOn_FUNCTION that were not told."""
+    return tuple(name for n in output_names(p) if p.get(name := f"SERVO{n}_FUNCTION") is None)
+
+
 def _outputs(p: ParameterSet, companion: Companion) -> Iterator[Output]:
     channels = [channel for _, channel in companion.thrusters]
     for n in output_names(p):

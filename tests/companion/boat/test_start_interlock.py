@@ -2,13 +2,16 @@
 
 import pytest
 
-from companion.boat.start_interlock import SWITCH_ON_S, WAITS_S
-from companion.core.messages import Alert, OperatorCommand
+from companion.boat.start_interlock import SWITCH_ON_S, WAITS_S, StartInterlock
+from companion.core.messages import Alert, OperatorCommand, ParamValue
 from companion.core.pilot.monitors.override_monitor import OverrideState
 from companion.core.pilot.monitors.sent_pulses import outputs_of
 from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.framing import Framer
 from tests.companion.boat.app_fixture import Bench
 from tests.companion.boat.guarded_fixture import PLAIN, Guarded, silently_written, strange, told, written
+from tests.companion.core.preflight.observations_fixture import BEAT, COMPANION
+from tests.companion.core.preflight.test_rows import told as parameters_of
 
 REFUSED = "refused: the boat might not stop"
 
@@ -289,3 +292,20 @@ def test_an_autopilot_that_tells_nothing_is_never_started(path):
 
     assert bench.scene(story) is None
     assert told(bench, "start expired: it waited for the autopilot's parameters") == 1
+
+
+def test_a_function_that_is_not_told_is_asked_for_until_it_is_and_so_long_nothing_starts():
+    """On a lossy link: output 9 may pass a thruster's channel plainly."""
+    guard, framer = StartInterlock(MavlinkCodec(target_system=1), COMPANION), Framer()
+    values, lost, messages = parameters_of("gate").values, {"SERVO9_FUNCTION"}, [BEAT]
+    assert not guard.passes(OperatorCommand(t_ns=0, command="start"), SWITCH_ON_S)
+    for k in range(400):
+        t_ns = k * 100_000_000
+        asked = [m.param_id for m in framer.feed(b"".join(guard.step(messages, t_ns)), t_ns)]
+        messages = [ParamValue(t_ns=t_ns, name=name, value=values[name], index=0, count=1)
+                    for name in asked if name in values.keys() - lost] + [BEAT]  # fmt: skip
+        if k == 300:
+            assert not guard.clear and not guard.refused and "SERVO9_FUNCTION" in asked + [*guard._reader._asked]
+            assert sum("SERVO9_FUNCTION" in alert.text for alert in guard.take_alerts()) == 1
+            lost = set()
+    assert guard.clear and guard.passes(OperatorCommand(t_ns=t_ns, command="start"))

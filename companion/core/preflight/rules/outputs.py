@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from companion.core.constants import NEUTRAL_US
 from companion.core.preflight.rows import Level, ParameterSet, Row, number, numbers
 from companion.core.preflight.rules.making import PROVISION, expected, function_row, row, row_of_several
-from companion.core.preflight.wiring import BAND_US, Companion, Wiring, scaled_us
+from companion.core.preflight.wiring import BAND_US, Companion, Wiring, output_names, scaled_us, untold_functions
 
 
 def thruster_outputs(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
@@ -35,6 +35,15 @@ def thruster_outputs(p: ParameterSet, w: Wiring, companion: Companion) -> Iterat
         names = ", ".join(f"{name} (channel {channel})" for name, channel in w.missing)
         why = "no output of the autopilot carries it: the thruster would not follow its commands"
         yield row("SERVOn_FUNCTION", "refuse", f"nothing for {names}", "an output for each thruster", why, PROVISION)
+
+
+def untold_outputs(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
+    """Outputs that may pass anything, for all that was heard."""
+    if untold := untold_functions(p):
+        which = numbers(n for n in output_names(p) if f"SERVO{n}_FUNCTION" in untold)
+        why = "one of them may pass a thruster's channel plainly, whose LAST PULSE STAYS FOR EVER: nobody knows"
+        fix = "check again; a faster link, or fewer streams to others"
+        yield row(f"SERVO{which}_FUNCTION", "refuse", "not told", "the autopilot's answer", why, fix)
 
 
 def trims(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:

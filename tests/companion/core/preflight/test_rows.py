@@ -32,7 +32,7 @@ def told(wiring_name, **changed):
         "RCMAP_YAW": 4.0,
         "ARMING_REQUIRE": 1.0, "ARMING_CHECK": 1.0, "BRD_SAFETY_DEFLT": 0.0, "SERVO_RC_FS_MSK": 0.0, "SCR_ENABLE": 0.0,
         "FS_THR_ENABLE": 1.0, "FS_THR_VALUE": 910.0, "FS_ACTION": 2.0, "FS_GCS_ENABLE": 0.0, "RC_OVERRIDE_TIME": 3.0,
-        "ARMING_RUDDER": 2.0, "FRAME_TYPE": 0.0,
+        "ARMING_RUDDER": 2.0, "FRAME_TYPE": 0.0, **{f"SERVO{n}_FUNCTION": 0.0 for n in range(1, 17)},
     }  # fmt: skip
     file = parse_parameters(wirings()[wiring_name], name=wiring_name)
     return ParameterSet({**defaults, **file, **changed})
@@ -157,7 +157,9 @@ def test_a_latency_that_was_meant_for_a_slower_gate_is_told():
 def test_outputs_beyond_16_are_asked_for_and_judged_where_they_are_in_use():
     p = told("gate", SERVO_32_ENABLE=1.0)
     assert "SERVO17_FUNCTION" in further_parameter_names(p) and not further_parameter_names(told("gate"))
-    assert levels(told("gate", SERVO_32_ENABLE=1.0, SERVO20_FUNCTION=60.0)) == {"SERVO20_FUNCTION": "refuse"}
+    more = {f"SERVO{n}_FUNCTION": 0.0 for n in range(17, 33)} | {"SERVO_32_ENABLE": 1.0}
+    assert levels(told("gate", **more | {"SERVO20_FUNCTION": 60.0})) == {"SERVO20_FUNCTION": "refuse"}
+    assert levels(told("gate", SERVO_32_ENABLE=1.0)) == {"SERVO17-32_FUNCTION": "refuse"}, "and none was told"
     assert "SERVO17_FUNCTION" not in parameter_names(COMPANION)
 
 
@@ -174,9 +176,16 @@ def test_both_spellings_are_understood():
 def test_a_parameter_that_was_not_told_is_never_taken_for_good(silent):
     """What decides about stopping refuses when it is unknown."""
     p = ParameterSet({name: value for name, value in told("gate").values.items() if name not in silent})
-    vital = {f"SERVO{n}_{key}" for n in range(1, 5) for key in ("FUNCTION", "TRIM")}
+    vital = {f"SERVO{n}_FUNCTION" for n in range(1, 17)} | {f"SERVO{n}_TRIM" for n in range(1, 5)}
     vital |= {"SCR_ENABLE", "FS_THR_ENABLE", "RC_OVERRIDE_TIME", "SYSID_MYGCS"}
     assert (worst(parameter_rows(p, COMPANION)) == "refuse") == bool(silent & vital)
+
+
+def test_an_output_whose_answer_was_lost_may_carry_anything():
+    """As on a slow link: the answers of outputs 9 and 10, plain pass-through of two thrusters, never came."""
+    p = told("gate", SERVO9_FUNCTION=59.0, SERVO10_FUNCTION=60.0)
+    heard_of = ParameterSet({k: v for k, v in p.values.items() if k not in ("SERVO9_FUNCTION", "SERVO10_FUNCTION")})
+    assert levels(p) == levels(heard_of) == {"SERVO9 10_FUNCTION": "refuse"}
 
 
 @given(st.integers(1100, 1900))

@@ -24,6 +24,7 @@ RULES: tuple[Rule, ...] = (
     outputs.script_outputs,
     outputs.omni_mixer,
     arming.arming_outputs,
+    arming.held_sticks,
     failsafes.failsafes,
     failsafes.overrides,
     channels.channels,

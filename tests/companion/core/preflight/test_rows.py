@@ -85,6 +85,9 @@ def test_the_recommended_wiring_is_all_in_order():
         ("ARMING_SKIPCHK", -1.0, "ARMING_SKIPCHK", "warning"),
         ("FRAME_CLASS", 1.0, "FRAME_CLASS", "warning"),
         ("FRAME_TYPE", 2.0, "FRAME_TYPE", "refuse"),
+        ("RC3_TRIM", 1506.0, "RC3_TRIM", "refuse"),
+        ("RC4_TRIM", 1494.0, "RC4_TRIM", "refuse"),
+        ("RC1_TRIM", 1499.0, "RC1_TRIM", "refuse"),
         ("SERVO9_FUNCTION", 26.0, "SERVOn_FUNCTION", "refuse"),
         ("SERVO9_FUNCTION", 73.0, "SERVOn_FUNCTION", "refuse"),
     ],
@@ -93,6 +96,15 @@ def test_one_wrong_parameter_is_the_row_that_says_so(name, value, row, level):
     found = levels(told("gate", **{name: value}))
     assert found[row] == level
     assert set(found) - {row, "SERVOn_FUNCTION"} == set(), "and no other"
+
+
+@pytest.mark.parametrize(
+    "lets",
+    [{"RC3_DZ": 30.0}, {"RC_OPTIONS": 0.0}, {"ARMING_CHECK": 16.0}, {"ARMING_SKIPCHK": 64.0}, {"RC3_TRIM": 1503.0},
+     {"RCMAP_THROTTLE": 7.0}],
+)  # fmt: skip
+def test_a_throttle_off_its_trim_matters_only_where_arming_asks_for_it(lets):
+    assert "RC3_TRIM" not in levels(told("gate", **{"RC3_TRIM": 1510.0} | lets))
 
 
 def test_a_rudder_on_a_thruster_s_channel_is_refused():

@@ -53,6 +53,14 @@ class Judge:
         bench.run(PATIENCE_S)
         return any(p and abs(p - NEUTRAL_US) > BAND_US for p in bench.rover.outputs_us[:4])
 
+    def arms(self) -> bool:
+        """Hold all in neutral as a run does, set MANUAL and ask it to arm."""
+        self.bench.run(1.0, every=self._drive(NEUTRAL_US))
+        self.bench.send(command(176, 1, 0))
+        self.bench.send(command(400, 1, 0))
+        self.bench.run(0.5, every=self._drive(NEUTRAL_US))
+        return self.bench.rover.vehicle.modes.armed
+
     def _drive(self, us: int) -> wire.MAVLink_message:
         """Thrusters and, with the mixer, throttle; other neutral channels at 1500 us as in a run."""
         low = [1500, 1500, us if self.omni else 1500, 1500]

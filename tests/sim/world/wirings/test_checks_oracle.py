@@ -80,6 +80,15 @@ def test_hazards_are_real_and_named(wiring, changes, receiver_us, name, firmware
     assert row.fix and len(row.why.split()) > 5
 
 
+@pytest.mark.parametrize(("name", "trim", "arms"), [("RC1_TRIM", 1503, False), ("RC3_TRIM", 1490, False),
+                                                     ("RC4_TRIM", 1510, False), ("RC2_TRIM", 1490, True)])  # fmt: skip
+def test_sticks_off_their_trim_are_refused_where_the_autopilot_would_not_arm(name, trim, arms):
+    """As an RC calibration leaves it; the companion holds 1500 us."""
+    judge = Judge({name: trim})
+    assert judge.refused() == ([] if arms else [name])
+    assert judge.arms() == arms
+
+
 @pytest.mark.parametrize("firmware", ["4.6", "4.7"])
 @pytest.mark.parametrize(
     ("wiring", "receiver_us"),

@@ -15,8 +15,8 @@ from companion.core.preflight.observations import Observations
 from companion.core.preflight.rows import Level, ParameterSet, Row, numbers
 from companion.core.preflight.wiring import BAND_US, Companion, Output, wiring
 
-BOAT = 11
-"""MAV_TYPE_SURFACE_BOAT."""
+ROVER, BOAT = 10, 11
+"""MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT: what Rover firmware is. Mode 0 of any other is not MANUAL."""
 MODES = {0: "MANUAL", 4: "HOLD", 5: "LOITER", 15: "GUIDED", 16: "INITIALISING"}
 KNOWN_MINORS = (6, 7)
 ENOUGH = 0.65
@@ -42,11 +42,13 @@ def link_rows(observed: Observations, companion: Companion) -> Iterator[Row]:
         yield _no_heartbeat(observed)
         return
     boat = beat.vehicle_type == BOAT
+    other = beat.vehicle_type not in (ROVER, BOAT)
     yield Row(
-        area="link", name="heartbeat", level="ok" if boat else "warning",
+        area="link", name="heartbeat", level="ok" if boat else "refuse" if other else "warning",
         found=f"system {beat.system}, component {beat.component}, {'boat' if boat else f'type {beat.vehicle_type}'}",
-        needed="a boat (type 11)", why="the autopilot's own idea of what it steers",
-        fix="" if boat else "set FRAME_CLASS to 2",
+        needed="a boat (type 11)", why="no Rover firmware: its modes and fail-safes are others" if other
+        else "the autopilot's own idea of what it steers",
+        fix="" if boat else "ArduPilot Rover on this autopilot; or the wire of ours" if other else "set FRAME_CLASS to 2",
     )  # fmt: skip
     if observed.strangers:
         named = observed.autopilot is not None

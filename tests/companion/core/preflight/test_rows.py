@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -231,6 +232,8 @@ def test_a_good_link_is_in_order():
     [
         ({"heartbeat": None, "mavlink": LinkStatus(t_ns=0, link="m", state="searching", reason="no bytes")},
          "heartbeat", "refuse", "no bytes"),
+        *(({"heartbeat": msgspec.structs.replace(BEAT, vehicle_type=kind)}, "heartbeat", level, f"type {kind}")
+          for kind, level in ((1, "refuse"), (2, "refuse"), (10, "warning"), (12, "refuse"))),
         ({"info": None}, "firmware", "warning", "not told"),
         ({"info": AutopilotInfo(t_ns=0, flight_sw_version=4 << 24 | 5 << 16, board_version=0, capabilities=0)},
          "firmware", "warning", "4.5.0"),

@@ -48,7 +48,7 @@ def link_rows(observed: Observations, companion: Companion) -> Iterator[Row]:
         found=f"system {beat.system}, component {beat.component}, {'boat' if boat else f'type {beat.vehicle_type}'}",
         needed="a boat (type 11)", why="no Rover firmware: its modes and fail-safes are others" if other
         else "the autopilot's own idea of what it steers",
-        fix="" if boat else "ArduPilot Rover on this autopilot; or the wire of ours" if other else "set FRAME_CLASS to 2",
+        fix="" if boat else "ArduPilot Rover on it, or our own wire" if other else "set FRAME_CLASS to 2",
     )  # fmt: skip
     if observed.strangers:
         named = observed.autopilot is not None
@@ -249,6 +249,15 @@ def _receiver(pulses_us: tuple[int, ...], p: ParameterSet, companion: Companion)
     """A pilot's receiver has the thrusters' channels once the companion is silent."""
     w = wiring(p, companion)
     if not receiver_seen(pulses_us, companion):
+        throttle = p.whole("RCMAP_THROTTLE", 3)
+        if throttle not in companion.channels and p.get("FS_THR_ENABLE"):
+            yield Row(
+                area="state", name="RC receiver", level="refuse", found="none",
+                needed=f"one, or channel {throttle} held",
+                why=f"channel {throttle}, the throttle, then says nothing: a lost radio, and the boat never arms",
+                fix=f"add {throttle} to control.neutral_channels of the run file",
+            )  # fmt: skip
+            return
         yield Row(
             area="state", name="RC receiver", level="ok", found="none",
             needed="none, or thrusters' channels at 1500 us",

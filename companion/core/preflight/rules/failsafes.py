@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from companion.core.constants import NEUTRAL_US
 from companion.core.preflight.rows import Level, ParameterSet, Row, number
 from companion.core.preflight.rules.making import PROVISION, row
 from companion.core.preflight.wiring import Companion, Wiring
@@ -20,9 +21,11 @@ def failsafes(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]
     why = "1 notices 0.5 s after the last override; 0 BELIEVES THE LAST OVERRIDE FOR EVER, gate and mixer pass it on"
     yield row("FS_THR_ENABLE", "ok" if value in (1, 2) else "refuse", number(value), "1", why, "set it to 1")
     value = p.get("FS_THR_VALUE")
-    fine = value is not None and 900 <= value <= 1100
-    why = "throttle (channel 3, held at 1500 us) below it is a lost radio; far above it the boat never drives"
-    yield row("FS_THR_VALUE", "ok" if fine else "warning", number(value), "910", why, "" if fine else "set it to 910")
+    fine, never = value is not None and 900 <= value <= 1100, value is not None and value > NEUTRAL_US
+    why = "throttle (channel 3, held at 1500 us) below it is a lost radio"
+    why += ": it REFUSES TO ARM, and the boat never drives" if never else "; above 1500 the boat never drives"
+    level: Level = "ok" if fine else "refuse" if never else "warning"
+    yield row("FS_THR_VALUE", level, number(value), "910", why, "set it to 910")
     good = 5 if w.of("scaled") else 2
     value, acts = p.get("FS_ACTION"), {2: "HOLD", 5: "disarm"}[good]
     fine = value == good or (good == 2 and value in (1, 3, 4, 5))

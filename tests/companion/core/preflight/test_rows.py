@@ -62,7 +62,8 @@ def test_the_recommended_wiring_is_all_in_order():
         ("SERVO2_TRIM", 1510.0, "SERVO1-4_TRIM", "warning"),
         ("SCR_ENABLE", 0.0, "SCR_ENABLE", "refuse"),
         ("FS_THR_ENABLE", 0.0, "FS_THR_ENABLE", "refuse"),
-        ("FS_THR_VALUE", 1600.0, "FS_THR_VALUE", "warning"),
+        ("FS_THR_VALUE", 1600.0, "FS_THR_VALUE", "refuse"),
+        ("FS_THR_VALUE", 1400.0, "FS_THR_VALUE", "warning"),
         ("FS_ACTION", 0.0, "FS_ACTION", "warning"),
         ("FS_GCS_ENABLE", 0.0, "FS_GCS_ENABLE", "warning"),
         ("RC_OVERRIDE_TIME", -1.0, "RC_OVERRIDE_TIME", "refuse"),
@@ -308,6 +309,14 @@ def test_what_the_boat_does_at_rest(wiring_name, changed, name, level):
     )
     rows = by_name(rest_rows(seen, told(wiring_name), COMPANION))
     assert {n: row.level for n, row in rows.items() if row.level != "ok"} == ({name: level} if name else {})
+
+
+@pytest.mark.parametrize(("still", "sticks_us", "level"), [((1, 2, 4), (0,) * 18, "refuse"), ((3,), (0,) * 18, "ok"),
+                                                          ((), (1500,) * 8 + (0,) * 10, "ok")])  # fmt: skip
+def test_without_a_receiver_somebody_holds_the_throttle_or_it_never_arms(still, sticks_us, level):
+    seen = heard(servo=ServoOutput(t_ns=0, pwm_us=REST_US), rc=RcChannels(t_ns=0, pwm_us=sticks_us))
+    rows = by_name(rest_rows(seen, told("gate"), replace(COMPANION, still=still)))
+    assert rows["RC receiver"].level == level
 
 
 @given(st.lists(st.sampled_from([0, 1500, 1700]), min_size=12, max_size=12))

@@ -89,6 +89,13 @@ def test_sticks_off_their_trim_are_refused_where_the_autopilot_would_not_arm(nam
     assert judge.arms() == arms
 
 
+@pytest.mark.parametrize("us", [1499, 1501])
+def test_a_throttle_failsafe_above_the_held_throttle_is_refused_where_it_would_not_arm(us):
+    judge = Judge({"FS_THR_VALUE": us})
+    assert judge.refused() == ([] if us < 1500 else ["FS_THR_VALUE"])
+    assert judge.arms() == (us < 1500)
+
+
 @pytest.mark.parametrize("firmware", ["4.6", "4.7"])
 @pytest.mark.parametrize(
     ("wiring", "receiver_us"),

@@ -13,10 +13,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from companion.boat.load_run import EXAMPLES, load_setup
+from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
 from companion.boat.signing_key import STAMP_FILE
 from companion.cli.analysis import progress_of
 from companion.cli.boat.wires import port_of, signing_of
+from companion.core.configuration.tables import ConfigError
 from companion.core.preflight.parameter_diff import Change, changes, same, unknown
 from companion.core.preflight.parameter_file import parse_parameters
 from companion.core.preflight.rows import number
@@ -36,6 +37,8 @@ UNDATED = "1970"
 def provision(args: argparse.Namespace, console: Console | None = None) -> int:
     """Connect and do it; the exit code."""
     setup = load_setup(args.config)
+    if args.wiring == "gate":
+        _refuse_other_channels(setup)
     port = port_of(args, "mavlink", setup.run.mavlink.url)
     logs = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
     signing = None if args.unsigned else signing_of(args, setup, logs / STAMP_FILE)
@@ -48,6 +51,18 @@ def provision(args: argparse.Namespace, console: Console | None = None) -> int:
     except OSError as error:
         print(f"aritra provision: {error.filename}: {error.strerror}", file=sys.stderr)
         return FAILED
+
+
+def _refuse_other_channels(setup: RunSetup) -> None:
+    """Raise ConfigError where the gate's script passes other channels than the boat's, or in another order."""
+    lists = re.search(r"^local CHANNELS = \{([\d, ]+)\}", SCRIPT.read_text(encoding="utf-8"), re.MULTILINE)
+    passed = [int(channel) for channel in lists[1].split(",")] if lists else []
+    ours = [one.channel for one in setup.pilot.vessel.controls]
+    if ours != passed[: len(ours)]:
+        names = f"{SCRIPT.name} passes channels {' '.join(map(str, passed))} to Script1-{len(passed)}"
+        boat = f"thrusters and servos of {setup.pilot.vessel.name} are on {' '.join(map(str, ours))}, in this order"
+        todo = "change its two lists, copy it to APM/scripts by hand, and load gate.param with your outputs"
+        raise ConfigError(f"--wiring gate: {names}, but {boat}: {todo}; or change the channels of the vessel file")
 
 
 async def _work(args: argparse.Namespace, port: Port, signing: Signing | None, console: Console) -> int:

@@ -2,11 +2,14 @@
 
 import argparse
 import contextlib
+import shutil
 
 import pytest
 from rich.console import Console
 
 from companion.cli.boat import provisioning
+from companion.core.configuration.tables import ConfigError
+from companion.core.model.load_vessel import load_vessel
 from drivers.mavlink.provision.provisioner import StoredLog
 
 
@@ -75,3 +78,21 @@ def test_without_a_clock_logs_of_one_length_are_told_apart_by_their_bytes(monkey
         log = StoredLog(number=1, date="1970-01-01T00:00:00Z", size_bytes=6)
         provision(monkeypatch, Autopilot(logs=[(log, content)]), capsys, logs=tmp_path)
     assert sorted(path.read_bytes() for path in tmp_path.iterdir()) == [b"friday", b"monday"]
+
+
+def test_the_gate_is_not_put_on_a_boat_whose_channels_it_does_not_pass(monkeypatch, capsys, tmp_path):
+    """Its script would give thruster 1 the pulses of thruster 2, and read back the same."""
+    shutil.copytree(provisioning.EXAMPLES, tmp_path / "deploy")
+    vessel, config = tmp_path / "deploy/boats/aritra.toml", tmp_path / "deploy/aritra.toml"
+    text = vessel.read_text(encoding="utf-8")
+    swapped = text.replace("channel = 9\n", "channel = 0\n").replace("channel = 10", "channel = 9")
+    vessel.write_text(swapped.replace("channel = 0\n", "channel = 10\n"), encoding="utf-8")
+    with pytest.raises(
+        ConfigError, match=r"passes channels 9 10 11 12 to .* of aritra are on 10 9 11 12, in this order"
+    ):
+        provision(monkeypatch, Autopilot(), capsys, wiring="gate", config=config)
+    assert provision(monkeypatch, Autopilot(), capsys, wiring="scaled", config=config)[0] == 0, "its order is no matter"
+    boats = [vessel.parent / f"{name}.toml" for name in ("aritra", "twin", "azimuth", "rudder", "lake", "blueboat")]
+    for boat in boats[1:]:
+        controls = load_vessel(boat.read_text(encoding="utf-8"), name=boat.name).controls
+        assert [one.channel for one in controls] == [9, 10, 11, 12][: len(controls)], "the example boats take it"

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Callable, Iterable
+import stat
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from time import strftime as format_time
 from time import struct_time
@@ -51,6 +52,17 @@ def new_log(folder: Path, now: struct_time) -> Path:
     return path
 
 
+def stored_logs(folder: Path) -> Iterator[Stored]:
+    """Logs in a folder, by name, without links: a person's `aritra-latest.mcap`, say. Raises OSError."""
+    for path in folder.glob("aritra-*.mcap"):
+        try:
+            status = path.lstat()
+        except FileNotFoundError:  # another process deleted it meanwhile
+            continue
+        if NAME.fullmatch(path.name) and not stat.S_ISLNK(status.st_mode):
+            yield Stored(path.name, status.st_size, status.st_mtime)
+
+
 def to_delete(files: Iterable[Stored], *, quota_bytes: float, running: str, now_s: float) -> list[Stored]:
     """Files to delete so that the rest fits into the quota, in this order: oldest log first, its parts in order.
 
@@ -76,8 +88,8 @@ def to_delete(files: Iterable[Stored], *, quota_bytes: float, running: str, now_
 def sweep(folder: Path, *, quota_bytes: float, running: str, now_s: float) -> Swept:
     """Delete the files of `to_delete`. Waits for the disk; an error of the disk is returned, never raised."""
     try:
-        files = [Stored(p.name, p.stat().st_size, p.stat().st_mtime) for p in folder.glob("aritra-*.mcap")]
-    except OSError as error:  # also a file that another process deleted meanwhile: the next look sees it right
+        files = list(stored_logs(folder))
+    except OSError as error:
         return Swept((), 0, f"logs in {folder}: {error.strerror}")
     deleted, refused = [], []
     for file in to_delete(files, quota_bytes=quota_bytes, running=running, now_s=now_s):
@@ -86,8 +98,7 @@ def sweep(folder: Path, *, quota_bytes: float, running: str, now_s: float) -> Sw
             deleted.append(file)
         except OSError as error:
             refused.append(f"{file.name}: {error.strerror}")
-    ours = sum(file.size_bytes for file in files if NAME.fullmatch(file.name))
-    left = ours - sum(file.size_bytes for file in deleted)
+    left = sum(file.size_bytes for file in files) - sum(file.size_bytes for file in deleted)
     problem = None
     if refused:
         problem = f"logs in {folder}: cannot delete {refused[0]}"

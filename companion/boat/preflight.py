@@ -21,7 +21,7 @@ from msgspec.structs import replace as struct_replace
 from companion.boat.clock import Clock
 from companion.boat.devices.sensor_device import SensorDevice, device_timing
 from companion.boat.load_run import RunSetup, warnings
-from companion.boat.log_quota import MB, NAME
+from companion.boat.log_quota import MB, stored_logs
 from companion.boat.start_interlock import companion_of
 from companion.core.estimation.estimator import Estimator, EstimatorState
 from companion.core.geometry.frames import ssa
@@ -271,18 +271,18 @@ class Listener:
 
 def disk_state(folder: Path, quota_MB: float | None) -> Disk:
     """State of the log folder; nothing is written or made."""
-    existing = next((p for p in (folder, *folder.absolute().parents) if p.exists()), Path("/"))
     quota = None if quota_MB is None else quota_MB * MB
     name = str(folder) if str(folder) != "." else str(Path.cwd())
     try:
+        existing = next((p for p in (folder, *folder.absolute().parents) if p.exists()), Path("/"))
         free = shutil.disk_usage(existing).free
-        logs = [p.stat() for p in folder.glob("aritra-*.mcap") if NAME.fullmatch(p.name)] if folder.is_dir() else []
-    except OSError as error:
+        logs = list(stored_logs(folder)) if folder.is_dir() else []
+    except OSError as error:  # also a folder above it that may not be looked into
         return Disk(name, 0, problem=error.strerror)
     problem = None
     if not existing.is_dir():
         problem = f"{existing} is not a folder"
     elif not os.access(existing, os.W_OK | os.X_OK):
         problem = "may not be written to"
-    newest_s = max((s.st_mtime for s in logs), default=None)
-    return Disk(name, free, problem, quota, sum(s.st_size for s in logs), newest_s)
+    newest_s = max((log.modified_s for log in logs), default=None)
+    return Disk(name, free, problem, quota, sum(log.size_bytes for log in logs), newest_s)

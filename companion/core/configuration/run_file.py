@@ -124,6 +124,10 @@ class LogFolder(Table, frozen=True, kw_only=True):
     folder: str | None = None
     quota_MB: Annotated[float, msgspec.Meta(ge=0.001, le=1e9)] | None = None
 
+    def __post_init__(self) -> None:
+        if self.folder == "":
+            raise ValueError("folder: expected a path, found nothing; leave it out for the current folder")
+
 
 class RunFile(Table, frozen=True, kw_only=True):
     """One run. `excitation`: what `aritra run --excite` flies instead of the mission.

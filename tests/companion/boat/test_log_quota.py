@@ -22,6 +22,7 @@ from companion.boat.log_quota import (
     sweep,
     to_delete,
 )
+from companion.boat.preflight import disk_state
 from companion.core.configuration.run_file import load_run
 from companion.core.configuration.tables import ConfigError
 from companion.logs.part import part_path
@@ -161,3 +162,32 @@ def test_a_quota_without_a_folder_is_refused():
         setup_of(texts, {**{name: name for name in texts}, "run.toml": "my.toml"})
     with pytest.raises(ConfigError, match=r"my\.toml: log\.quota_MB: expected 0\.001 to 1e\+09, found 0"):
         load_run(setup().files["run.toml"] + "\n[log]\nfolder = 'x'\nquota_MB = 0\n", name="my.toml")
+
+
+def test_a_link_to_a_log_that_is_gone_does_not_end_the_quota(tmp_path):
+    """Made by hand, `aritra-latest.mcap` outlives the log it points to; nothing was deleted from then on."""
+    for day in (1, 2):
+        log = tmp_path / f"aritra-2020010{day}-000000.mcap"
+        log.write_bytes(bytes(1000))
+        os.utime(log, (1e9 + day, 1e9 + day))
+    for link, to in (("aritra-latest.mcap", "gone.mcap"), ("aritra-20200103-000000.mcap", "gone.mcap")):
+        (tmp_path / link).symlink_to(to)
+    swept = sweep(tmp_path, quota_bytes=1500, running="", now_s=time.time())
+    assert swept == Swept(("aritra-20200101-000000.mcap",), 1000, None)
+    disk = disk_state(tmp_path, 1.0)
+    assert (disk.problem, disk.used_bytes, disk.newest_s) == (None, 1000, 1e9 + 2)
+
+
+def test_a_log_folder_that_may_not_be_looked_for_is_a_row_and_no_traceback(tmp_path, monkeypatch):
+    def refuse(self):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("pathlib.Path.exists", refuse)
+    assert disk_state(tmp_path / "root" / "logs", None).problem == "Permission denied"
+
+
+def test_no_name_is_no_log_folder():
+    """It passed for one, so that the quota deleted logs from wherever the program was started."""
+    run = 'vessel = "v"\nsite = "s"\nmission = "m"\n[mavlink]\nurl = "x"\n[log]\nfolder = ""\nquota_MB = 1\n'
+    with pytest.raises(ConfigError, match=r"run\.toml: log: folder: expected a path, found nothing"):
+        load_run(run, name="run.toml")

@@ -186,6 +186,8 @@ def warnings(setup: RunSetup) -> list[str]:
         texts.append("whether thrusters and servos do as they are told is not judged: so far only of fixed thrusters")
     if setup.run.battery == BatteryLimits():
         texts.append("no [battery] limits in the run file: an empty battery will not stop the boat")
+    elif setup.run.battery.critical_V is None and setup.run.battery.critical_percent is None:
+        texts.append("no critical_V or critical_percent in [battery]: an empty battery will not stop the boat")
     return texts
 
 

@@ -117,6 +117,14 @@ def test_what_a_person_should_know_of_fence_and_battery_before_the_boat_moves(fo
     assert "no [battery] limits" in battery
 
 
+def test_a_battery_that_is_low_but_never_critical_is_told_of(folder):
+    change(folder, RUN, "critical_V = 13.2\n", "")
+    (battery,) = warnings(load_setup(folder / RUN))
+    assert battery.startswith("no critical_V or critical_percent in [battery]: an empty battery will not stop")
+    change(folder, RUN, "low_V = 14.0\n", "low_V = 14.0\ncritical_percent = 15\n")
+    assert warnings(load_setup(folder / RUN)) == []
+
+
 def test_a_leg_through_a_pier_is_told_of(folder):
     pier = "[[fences]]\ninclusion = false\npolygon = [[14.0, 10.0], [16.0, 10.0], [16.0, 20.0], [14.0, 20.0]]\n"
     (folder / MISSION).write_text(mission_text(((10.0, 15.0), (20.0, 15.0), (20.0, 8.0))) + pier)

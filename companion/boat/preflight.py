@@ -41,7 +41,14 @@ from companion.core.messages import (
     UwbRanges,
 )
 from companion.core.preflight.autopilot import further_parameter_names, parameter_names, parameter_rows
-from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, sensor_rows
+from companion.core.preflight.boat import (
+    battery_rows,
+    configuration_rows,
+    disk_rows,
+    estimator_rows,
+    place_rows,
+    sensor_rows,
+)
 from companion.core.preflight.link import PRE_ARM, arming_complaints, link_rows, rest_rows
 from companion.core.preflight.observations import Disk, Observations, RoundTrip, cycles_of
 from companion.core.preflight.rows import ParameterSet, Row
@@ -81,6 +88,7 @@ def all_rows(setup: RunSetup, observed: Observations, parameters: ParameterSet) 
         *asked,
         *rest_rows(observed, parameters, companion),
         *estimator_rows(observed),
+        *place_rows(observed, setup.pilot.fence),
         *sensor_rows(observed, setup.pilot.site, vessel),
         *battery_rows(observed, vessel.propulsion.nominal_voltage_V, setup.run.battery),
         *disk_rows(observed),

@@ -18,6 +18,7 @@ from companion.core.constants import PACK_SHARES
 from companion.core.estimation.health import SETTLES
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.geometry.anchors import hdop
+from companion.core.geometry.fence import Fence
 from companion.core.messages import Innovation
 from companion.core.preflight.observations import Observations
 from companion.core.preflight.rows import Level, Row
@@ -70,6 +71,22 @@ def estimator_rows(observed: Observations) -> Iterator[Row]:
             needed=f"{100 * ACCEPTED:.0f} %, at most {SURPRISE:g}",
             why="what the sensor says fits what the filter expects",
             fix="" if fine else "noise, lever arms, offsets of the vessel file; anchors of the site file",
+        )  # fmt: skip
+
+
+def place_rows(observed: Observations, fence: Fence) -> Iterator[Row]:
+    """Whether the boat lies where it may drive; nothing where it does, or nobody knows."""
+    e = observed.estimate
+    if e is None or e.health not in ("healthy", "degraded"):
+        return
+    beyond_m = -fence.clearance(e.north_m, e.east_m)
+    if beyond_m > 0:
+        yield Row(
+            area="estimator", name="place", level="warning",
+            found=f"north {e.north_m:.1f} m, east {e.east_m:.1f} m, {beyond_m:.1f} m beyond the fence",
+            needed="within the fences of site and mission",
+            why="beyond them a run cannot be started, but by hand (docs/modes.md)",
+            fix="put it into its water; or correct origin, rotation, anchors or fence of the site file",
         )  # fmt: skip
 
 

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from companion.core.configuration.run_file import BatteryLimits
 from companion.core.estimation.health import SETTLES
 from companion.core.geometry.anchors import hdop
+from companion.core.geometry.fence import Fence
 from companion.core.messages import (
     AnchorRange,
     Battery,
@@ -20,7 +22,14 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
-from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, uwb_rows
+from companion.core.preflight.boat import (
+    battery_rows,
+    configuration_rows,
+    disk_rows,
+    estimator_rows,
+    place_rows,
+    uwb_rows,
+)
 from companion.core.preflight.observations import Disk, cycles_of
 from companion.core.preflight.rows import Row, worst
 from tests.companion.core.preflight.observations_fixture import SITE, VESSEL, by_name, heard
@@ -46,6 +55,16 @@ def test_the_estimate_s_health_decides(health, level):
 def test_an_estimate_whose_speed_settles_as_after_every_start_is_in_order():
     rows = by_name(estimator_rows(heard(estimate=estimate("degraded", SETTLES))))
     assert rows["state"].level == "ok" and "settles" in rows["state"].found
+
+
+@pytest.mark.parametrize(("north_m", "health", "told"), [(8.0, "healthy", False), (1500.0, "healthy", True),
+                                                         (0.2, "degraded", True), (1500.0, "lost", False)])  # fmt: skip
+def test_a_boat_beyond_its_fence_is_told_that_it_will_not_drive(north_m, health, told):
+    """As on the bank, or at a site whose origin is a kilometre off: all else was in order, and it stayed neutral."""
+    fence, lies = Fence((SITE.fence,)), structs.replace(estimate(health), north_m=north_m)
+    rows = by_name(place_rows(heard(estimate=lies), fence))
+    assert [row.level for row in rows.values()] == ["warning"] * told
+    assert not told or "beyond the fence" in rows["place"].found
 
 
 def test_innovations_that_do_not_fit_are_told_by_sensor():

@@ -39,7 +39,7 @@ def devices_of_run(args: argparse.Namespace, setup: RunSetup) -> dict[str, tuple
         if key not in keys or key == "uwb":
             others = ", ".join(k for k in keys if k != "uwb") or "none"
             raise ConfigError(f"--device: {key}: no such sensor with a wire of its own; the boat has {others}")
-    if args.uwb and "uwb" not in keys:
+    if args.uwb is not None and "uwb" not in keys:
         raise ConfigError(f"--uwb: {setup.pilot.vessel.name} has no UWB tag: leave it out")
     wires: dict[str, tuple[Port, DeviceCodec]] = {}
     for key in keys:
@@ -65,9 +65,9 @@ def port_of(args: argparse.Namespace, link: str, url: str) -> Port:
 def _opened(option: str | None, name: str, url: str, key: str) -> Port:
     """The port of an option `name`, or, where it is not given, of the run file's `key`."""
     try:
-        return open_port_from_url(option or url)
+        return open_port_from_url(url if option is None else option)
     except PortUrlError as error:
-        raise ConfigError(f"{name if option else key}: {error}") from None
+        raise ConfigError(f"{key if option is None else name}: {error}") from None
 
 
 def signing_of(args: argparse.Namespace, setup: RunSetup, stamps: Path) -> Signing | None:

@@ -12,7 +12,7 @@ import numpy as np
 import deploy
 from companion.core.configuration.run_file import BatteryLimits, RunFile, load_run
 from companion.core.configuration.site_file import Site, load_site
-from companion.core.configuration.tables import ConfigError, digest
+from companion.core.configuration.tables import BYTE_ORDER_MARK, ConfigError, digest
 from companion.core.configuration.vessel_file import Thruster, VesselFile
 from companion.core.constants import PACK_SHARES
 from companion.core.excitation.file import load_excitation
@@ -234,7 +234,9 @@ def _mission(text: str, name: str, site: Site) -> Mission:
 def _read(path: Path, named: str = "") -> str:
     """The file's text; `named`: where its name was found. Raises ConfigError."""
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return path.read_text(encoding="utf-8").removeprefix(BYTE_ORDER_MARK)
+    except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
+        if not isinstance(error, OSError | UnicodeDecodeError):
+            reason = str(error)  # a null byte in the name
         raise ConfigError(f"{named}{path}: {reason}") from None

@@ -68,5 +68,5 @@ def kind_of_tables(document: Mapping[str, object]) -> str | None:
 def _toml(head: bytes) -> str | None:
     try:
         return kind_of_tables(tomllib.loads(head.decode()))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError):
+    except (ValueError, RecursionError):  # no UTF-8, no TOML, more digits or deeper than Python reads
         return None

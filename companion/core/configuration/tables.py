@@ -11,7 +11,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
-from typing import Annotated, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import msgspec
 
@@ -22,6 +22,8 @@ T = TypeVar("T", bound=msgspec.Struct)
 TYPES = {"float": "a number", "int": "a whole number", "str": "text", "bool": "true or false", "array": "a list",
          "object": "a table"}  # fmt: skip
 """What msgspec calls the types of a value, in TOML's words."""
+BYTE_ORDER_MARK = "\ufeff"
+"""What editors of Windows put before UTF-8."""
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0)]
 
@@ -54,10 +56,7 @@ def parse_toml(text: str, kind: type[T], *, name: str) -> T:
 
     Raises ConfigError naming file, key path and what was expected.
     """
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{name}: not valid TOML: {error}") from None
+    data = toml_of_text(text, name=name)
     refuse_other_kind(data, getattr(kind, "FILE", None), name=name)
     for path in _not_finite(data, ""):
         raise ConfigError(f"{name}: {path}: expected a finite number")
@@ -68,6 +67,18 @@ def parse_toml(text: str, kind: type[T], *, name: str) -> T:
     except msgspec.ValidationError as error:
         place, what = found_wrong(error)
         raise ConfigError(f"{name}: {place or '(top level)'}: {what}") from None
+
+
+def toml_of_text(text: str, *, name: str) -> dict[str, Any]:
+    """TOML document of a text. Raises ConfigError, also for what tomllib does not bear."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{name}: not valid TOML: {error}") from None
+    except ValueError:  # Python reads no number of so many digits
+        raise ConfigError(f"{name}: a number in it has thousands of digits") from None
+    except RecursionError:
+        raise ConfigError(f"{name}: tables or lists in it are nested too deep") from None
 
 
 def refuse_other_kind(data: Mapping[str, object], wanted: str | None, *, name: str) -> None:

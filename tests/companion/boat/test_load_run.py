@@ -78,6 +78,28 @@ def test_a_file_that_is_not_there_is_named(folder, name):
         load_setup(folder / RUN)
 
 
+@pytest.mark.parametrize("name", [RUN, VESSEL, SITE, MISSION])
+def test_a_byte_order_mark_as_windows_writes_it_is_none_of_the_text(folder, name):
+    whole = load_setup(folder / RUN).digest
+    (folder / name).write_bytes(b"\xef\xbb\xbf" + (folder / name).read_bytes().replace(b"\n", b"\r\n"))
+    assert load_setup(folder / RUN).digest == whole
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "says"),
+    [
+        (RUN, r'vessel = "[^"]*"', r'vessel = "a\\u0000b"', "aritra.toml: vessel: .*null byte"),
+        (VESSEL, r"mass_kg = 45.0", "mass_kg = " + "9" * 5000, "aritra.toml: a number in it has thousands of digits"),
+        (MISSION, r"north_m = 9.0", "north_m = " + "9" * 5000, "(file): a number in it has thousands of digits"),
+        (SITE, r"\A", "x = " + "[" * 3000 + "]" * 3000 + "\n", "basin.toml: tables or lists in it are nested too deep"),
+    ],
+)
+def test_what_the_readers_of_text_do_not_bear_is_named_like_all_else(folder, name, old, new, says):
+    change(folder, name, old, new)
+    with pytest.raises(ConfigError, match=re.escape(says).replace(r"\.\*", ".*")):
+        load_setup(folder / RUN)
+
+
 def test_a_file_that_is_no_text_is_named(folder):
     (folder / VESSEL).write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ConfigError, match=r"aritra.toml: is not UTF-8 text"):

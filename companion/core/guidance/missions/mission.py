@@ -10,14 +10,13 @@ acceptance_m, and [[fences]] inclusion, polygon = [[north_m, east_m], ...].
 
 from __future__ import annotations
 
-import tomllib
 from typing import Literal, TypeVar, get_args
 
 import msgspec
 
 from companion.core.configuration.file_kinds import MISSION
 from companion.core.configuration.ranges import problems
-from companion.core.configuration.tables import ConfigError, Table, refuse_other_kind
+from companion.core.configuration.tables import ConfigError, Table, refuse_other_kind, toml_of_text
 from companion.core.geometry.frames import Origin
 from companion.core.guidance.missions.draft import Draft, Mission, MissionError, MissionErrors, MissionFence
 from companion.core.guidance.missions.geojson import read_geojson
@@ -73,14 +72,11 @@ def parse(text: str, kind: Kind, *, origin: Origin | None = None, name: str = "m
 def _read_toml(draft: Draft, text: str) -> str | None:
     """Our own format into the draft; returns the mission's name, if it has one."""
     try:
-        document = tomllib.loads(text)
+        document = toml_of_text(text, name="(file)")
         refuse_other_kind(document, MISSION, name="(file)")
         file = _converted(draft, "", document, _File)
     except ConfigError as error:
         draft.error("(file)", str(error).removeprefix("(file): "))
-        return None
-    except tomllib.TOMLDecodeError as error:
-        draft.error("(file)", f"not valid TOML: {error}")
         return None
     if file is None:
         return None

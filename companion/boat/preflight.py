@@ -29,6 +29,7 @@ from companion.core.messages import (
     Attitude,
     AutopilotInfo,
     Battery,
+    CommandAck,
     Heartbeat,
     Innovation,
     LinkStatus,
@@ -41,14 +42,7 @@ from companion.core.messages import (
     UwbRanges,
 )
 from companion.core.preflight.autopilot import further_parameter_names, parameter_names, parameter_rows
-from companion.core.preflight.boat import (
-    battery_rows,
-    configuration_rows,
-    disk_rows,
-    estimator_rows,
-    place_rows,
-    sensor_rows,
-)
+from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, sensor_rows
 from companion.core.preflight.link import PRE_ARM, arming_complaints, link_rows, rest_rows
 from companion.core.preflight.observations import Disk, Observations, RoundTrip, cycles_of
 from companion.core.preflight.rows import ParameterSet, Row
@@ -73,6 +67,8 @@ PARAMETERS_S = 15.0
 """Longest wait for parameters: some 150 questions at 12 at a time; assumed."""
 ARMING_S, ASK_AGAIN_S = 20.0, 3.0
 """How long complaints are waited out, and until the checks are asked for again: sensors take 12 to 18 s (observed)."""
+ASKS, ANSWER_S = 4, 0.5
+"""How often it is asked for its checks where it does not answer, and how long an answer may take; assumed."""
 RUN_PREARM_CHECKS = 401
 """MAV_CMD: the autopilot says in STATUSTEXTs why it would refuse to arm."""
 
@@ -87,8 +83,7 @@ def all_rows(setup: RunSetup, observed: Observations, parameters: ParameterSet) 
         *link_rows(observed, companion),
         *asked,
         *rest_rows(observed, parameters, companion),
-        *estimator_rows(observed),
-        *place_rows(observed, setup.pilot.fence),
+        *estimator_rows(observed, setup.pilot.fence),
         *sensor_rows(observed, setup.pilot.site, vessel),
         *battery_rows(observed, vessel.propulsion.nominal_voltage_V, setup.run.battery),
         *disk_rows(observed),
@@ -120,6 +115,7 @@ class Listener:
         self._kept: dict[type[Message], list[Any]] = {k: [] for k in (StatusText, *AIDING)}
         self._innovations: list[Innovation] = []
         self._round_trips: list[RoundTrip] = []
+        self._arming_told = False
         self._mavlink = self._link("mavlink", *mavlink, LinkTiming(), self._hear)
         rates = {sensor.key: sensor.rate_Hz for sensor in self._estimator.sensors}
         self._devices = {
@@ -136,7 +132,7 @@ class Listener:
             await self._until(self._position_is_heard, TAG_S)
             await self._wait(SETTLE_S)
             if Heartbeat in self._latest:
-                self._ask_arming_checks()
+                await self._ask_arming_checks()
             self._say(f"listening for {listen_s:g} s")
             before, start_ns = (self._counts(), self._cycles()), self._clock.now_ns()
             await self._wait(listen_s)
@@ -154,17 +150,22 @@ class Listener:
                 if isinstance(result, Exception):  # a link or its codec must not raise: that is a bug
                     raise result
 
-    def _ask_arming_checks(self) -> None:
-        """Have the autopilot say once more what stands against arming; what it said before is forgotten."""
+    async def _ask_arming_checks(self) -> None:
+        """Have the autopilot say once more what stands against arming, until it answers; what it said is forgotten."""
         self._kept[StatusText] = [text for text in self._kept[StatusText] if not text.text.startswith(PRE_ARM)]
-        self._mavlink.send(self._codec.encoder.command_long(RUN_PREARM_CHECKS))
+        self._arming_told = False
+        for _ in range(ASKS):  # question or answer may be lost
+            self._mavlink.send(self._codec.encoder.command_long(RUN_PREARM_CHECKS))
+            await self._until(lambda: self._arming_told, ANSWER_S)
+            if self._arming_told:
+                return
 
     async def _until_it_would_arm(self) -> None:
         """Ask again while it complains, as a firmware does of its sensors in its first 20 s."""
         end_ns = self._clock.now_ns() + round(ARMING_S * 1e9)
         while arming_complaints(self._kept[StatusText]) and self._clock.now_ns() < end_ns:
             self._say(f"waiting for the autopilot's arming checks: {arming_complaints(self._kept[StatusText])[0]}")
-            self._ask_arming_checks()
+            await self._ask_arming_checks()
             await self._wait(ASK_AGAIN_S)
 
     async def _read_parameters(self) -> None:
@@ -213,6 +214,7 @@ class Listener:
     def _take(self, messages: Sequence[Message], t_ns: int) -> None:
         for message in messages:
             self._latest[type(message)] = message
+            self._arming_told |= isinstance(message, CommandAck) and message.command == RUN_PREARM_CHECKS
             if isinstance(message, LinkStatus):
                 self._links[message.link] = message
             elif type(message) in self._kept:
@@ -267,7 +269,7 @@ class Listener:
             strangers=tuple(sorted(self._codec.strangers)),
             received=counters.received.total(), lost=counters.lost.total(), round_trips=tuple(self._round_trips),
             battery=latest(Battery), servo=latest(ServoOutput), rc=latest(RcChannels),
-            texts=tuple(self._kept[StatusText]),
+            texts=tuple(self._kept[StatusText]), arming_told=self._arming_told,
             estimate=self._estimator.estimate(self._state, self._clock.now_ns()),
             innovations=tuple(self._innovations),
             ranges=tuple(self._kept[UwbRanges]),

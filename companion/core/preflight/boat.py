@@ -18,8 +18,8 @@ from companion.core.constants import PACK_SHARES
 from companion.core.estimation.health import SETTLES
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.geometry.anchors import hdop
-from companion.core.geometry.fence import Fence
-from companion.core.messages import Innovation
+from companion.core.geometry.fence import ANYWHERE, Fence
+from companion.core.messages import Innovation, StateEstimate
 from companion.core.preflight.observations import Observations
 from companion.core.preflight.rows import Level, Row
 from companion.core.sensors.table import sensors_of
@@ -40,8 +40,8 @@ NO_ROOM_BYTES, LITTLE_ROOM_BYTES = 50e6, 1e9
 """A log takes some 0.26 GB an hour (measured, docs/logs.md)."""
 
 
-def estimator_rows(observed: Observations) -> Iterator[Row]:
-    """Did the boat's own filter start, and do its sensors agree with it?"""
+def estimator_rows(observed: Observations, fence: Fence = ANYWHERE) -> Iterator[Row]:
+    """Did the boat's own filter start, does it lie where it may drive, and do its sensors agree with it?"""
     e = observed.estimate
     health = e.health if e else "initialising"
     levels: dict[str, Level] = {"healthy": "ok", "degraded": "warning"}
@@ -58,6 +58,8 @@ def estimator_rows(observed: Observations) -> Iterator[Row]:
         why="without it the boat does not know where it is",
         fix="" if level == "ok" else "see the rows on sensors and streams; listen longer (--listen-s 30)",
     )  # fmt: skip
+    if e and health in ("healthy", "degraded"):
+        yield from _place(e, fence)
     groups: dict[str, list[Innovation]] = {}
     for i in observed.innovations:
         groups.setdefault(i.sensor.partition(" ")[0], []).append(i)
@@ -74,11 +76,8 @@ def estimator_rows(observed: Observations) -> Iterator[Row]:
         )  # fmt: skip
 
 
-def place_rows(observed: Observations, fence: Fence) -> Iterator[Row]:
-    """Whether the boat lies where it may drive; nothing where it does, or nobody knows."""
-    e = observed.estimate
-    if e is None or e.health not in ("healthy", "degraded"):
-        return
+def _place(e: StateEstimate, fence: Fence) -> Iterator[Row]:
+    """Where the boat lies, if it may not drive there."""
     beyond_m = -fence.clearance(e.north_m, e.east_m)
     if beyond_m > 0:
         yield Row(

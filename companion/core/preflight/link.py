@@ -175,12 +175,13 @@ def rest_rows(observed: Observations, p: ParameterSet, companion: Companion) -> 
         why="`aritra run` asks for MANUAL when it starts", fix="" if calm else "wait, or set HOLD",
     )  # fmt: skip
     complaints = arming_complaints(observed.texts)
+    fix = "" if observed.arming_told else "check again; a better link"
     yield Row(
-        area="state", name="arming checks", level="refuse" if complaints else "ok",
-        found="; ".join(complaints) or "no complaint", needed="no complaint",
-        why="the autopilot refuses to arm while it complains",
-        fix="mend what it says; sensors may need a minute after it was switched on: check again"
-        if complaints else "",
+        area="state", name="arming checks",
+        level="refuse" if complaints else "ok" if observed.arming_told else "warning",
+        found="; ".join(complaints) or ("no complaint" if observed.arming_told else "no answer"),
+        needed="no complaint", why="the autopilot refuses to arm while it complains",
+        fix="mend what it says; sensors may need a minute after it was switched on: check again" if complaints else fix,
     )  # fmt: skip
     yield from _gate_texts(observed, companion)
     if observed.servo and not beat.armed:

@@ -49,6 +49,7 @@ class Observations:
     """Everything. `rates_hz`, `wanted_hz`: by MAVLink message type; `lost`: frames missing of `received`.
 
     `estimate`, `innovations`: what the boat's own filter made of it; `notes`: warnings of the configuration;
+    `arming_told`: the autopilot has answered when it was asked for its arming checks;
     `deaf`: the autopilot signs what it says and answers nothing of ours, who have no key; `uwb_hz`: cycles of the tag;
     `autopilot`: system of the autopilot that the run file names, `strangers`: those of other autopilots;
     `wall_s`: the boat's date [s since 1970]; `mavlink`, `uwb`: the last word on each link; `heard`,
@@ -74,6 +75,7 @@ class Observations:
     servo: ServoOutput | None = None
     rc: RcChannels | None = None
     texts: tuple[StatusText, ...] = ()
+    arming_told: bool = True
     estimate: StateEstimate | None = None
     innovations: tuple[Innovation, ...] = ()
     heard: Mapping[str, tuple[Measured, ...]] = field(default_factory=dict)

@@ -12,7 +12,9 @@ import pytest
 
 from companion.__main__ import main
 from companion.boat.load_run import EXAMPLES
+from companion.boat.preflight import RUN_PREARM_CHECKS
 from companion.cli.boat.provisioning import SCRIPT, SCRIPTS, file_name
+from drivers.mavlink.encode import MavlinkEncoder
 from drivers.mavlink.provision.provisioner import StoredLog
 from drivers.ports.pseudo_terminal import PtyPort
 from drivers.uwb.dwm1001 import AnchorReport, TagFix, encode_lec
@@ -120,6 +122,24 @@ def test_what_is_wrong_is_named_and_nothing_is_moved(capsys, tmp_path):
     assert rows["SCHED_LOOP_RATE"]["level"] == "warning"
     assert rover.vehicle.parameters.saved() == before
     assert rover.vehicle.modes.armed and rover.vehicle.rc.last_input_ns is None, "it neither disarms nor overrides"
+
+
+@pytest.mark.parametrize(("lost", "level"), [(1, "refuse"), (99, "warning")])
+def test_a_lost_question_for_the_arming_checks_is_asked_again(lost, level, capsys, tmp_path, monkeypatch):
+    """Of a link that loses frames: nobody had heard a complaint, and the row was in order."""
+    ask, asked = MavlinkEncoder.command_long, []
+
+    def lossy(self, command, *words):
+        asked.append(command)
+        return b"" if command == RUN_PREARM_CHECKS and asked.count(command) <= lost else ask(self, command, *words)
+
+    monkeypatch.setattr(MavlinkEncoder, "command_long", lossy)
+    rover = boat("gate")
+    rover.vehicle.modes.safety_on = True
+    with sailing(rover) as url:
+        _, rows = check(url, capsys, tmp_path)
+    assert rows["arming checks"]["level"] == level, rows["arming checks"]
+    assert ("safety switch" in rows["arming checks"]["found"]) == (level == "refuse")
 
 
 @pytest.mark.long

@@ -22,14 +22,7 @@ from companion.core.messages import (
     UwbPosition,
     UwbRanges,
 )
-from companion.core.preflight.boat import (
-    battery_rows,
-    configuration_rows,
-    disk_rows,
-    estimator_rows,
-    place_rows,
-    uwb_rows,
-)
+from companion.core.preflight.boat import battery_rows, configuration_rows, disk_rows, estimator_rows, uwb_rows
 from companion.core.preflight.observations import Disk, cycles_of
 from companion.core.preflight.rows import Row, worst
 from tests.companion.core.preflight.observations_fixture import SITE, VESSEL, by_name, heard
@@ -62,9 +55,9 @@ def test_an_estimate_whose_speed_settles_as_after_every_start_is_in_order():
 def test_a_boat_beyond_its_fence_is_told_that_it_will_not_drive(north_m, health, told):
     """As on the bank, or at a site whose origin is a kilometre off: all else was in order, and it stayed neutral."""
     fence, lies = Fence((SITE.fence,)), structs.replace(estimate(health), north_m=north_m)
-    rows = by_name(place_rows(heard(estimate=lies), fence))
-    assert [row.level for row in rows.values()] == ["warning"] * told
-    assert not told or "beyond the fence" in rows["place"].found
+    rows = by_name(estimator_rows(heard(estimate=lies), fence))
+    assert ("place" in rows) == told
+    assert not told or rows["place"].level == "warning" and "beyond the fence" in rows["place"].found
 
 
 def test_innovations_that_do_not_fit_are_told_by_sensor():

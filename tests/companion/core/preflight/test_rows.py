@@ -284,6 +284,7 @@ REST_US = (1500,) * 4 + (0,) * 12
         ("gate", {"texts": (StatusText(t_ns=0, severity=2, text="PreArm: Compass not calibrated"),)},
          "arming checks", "refuse"),
         ("gate", {"texts": (StatusText(t_ns=0, severity=2, text="PreArm: Radio failsafe on"),)}, None, None),
+        ("gate", {"arming_told": False}, "arming checks", "warning"),
         ("gate", {"texts": (StatusText(t_ns=0, severity=3, text="gate: no output has SERVOn_FUNCTION 94"),)},
          "gate.lua", "refuse"),
         ("gate", {"texts": (StatusText(t_ns=0, severity=6, text="gate: thrusters on channels 9 10 11 13"),)},

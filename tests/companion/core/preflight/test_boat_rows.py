@@ -57,7 +57,7 @@ def test_a_boat_beyond_its_fence_is_told_that_it_will_not_drive(north_m, health,
     fence, lies = Fence((SITE.fence,)), structs.replace(estimate(health), north_m=north_m)
     rows = by_name(estimator_rows(heard(estimate=lies), fence))
     assert ("place" in rows) == told
-    assert not told or rows["place"].level == "warning" and "beyond the fence" in rows["place"].found
+    assert not told or (rows["place"].level == "warning" and "beyond the fence" in rows["place"].found)
 
 
 def test_innovations_that_do_not_fit_are_told_by_sensor():

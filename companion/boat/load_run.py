@@ -8,13 +8,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 
 import deploy
 from companion.core.configuration.run_file import BatteryLimits, RunFile, load_run
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import BYTE_ORDER_MARK, ConfigError, digest
-from companion.core.configuration.vessel_file import Thruster, VesselFile
-from companion.core.constants import PACK_SHARES
+from companion.core.configuration.vessel_file import RotorMap, Thruster, VesselFile
+from companion.core.constants import NEUTRAL_US, PACK_SHARES
 from companion.core.excitation.file import load_excitation
 from companion.core.geometry.anchors import hdop, in_a_line
 from companion.core.geometry.frames import Origin
@@ -23,8 +24,10 @@ from companion.core.guidance.missions.mission import Mission, MissionErrors, kin
 from companion.core.guidance.steerage import guidance_for
 from companion.core.model.actuators.propulsion import is_steered
 from companion.core.model.load_vessel import load_vessel
+from companion.core.model.thrusters import force_from_pwm
 from companion.core.pilot.pilot import PilotSettings
 from companion.core.preflight.boat import GOOD_HDOP, START_ANCHORS
+from companion.core.preflight.wiring import BAND_US
 from drivers.devices import DEVICES, devices_of
 
 EXAMPLES = Path(deploy.__file__).parent
@@ -33,6 +36,8 @@ FILES = ("vessel", "site", "mission", "excitation")
 """Keys of a run file that name other files."""
 
 
+MOST_REACH = 2.0
+"""Force limits over what a thruster reaches at the nominal voltage, beyond which they are taken for a slip; assumed."""
 UNFIT_CHANNELS = {
     1: "can arm the autopilot (rudder arming)",
     3: "is the autopilot's radio failsafe",
@@ -182,6 +187,7 @@ def warnings(setup: RunSetup) -> list[str]:
             f"{setup.pilot.vessel.name} is steered only while it makes way: it cannot keep station; "
             f"hold and the end of a mission leave it drifting with its thrust off{end}"
         )
+    texts += _thrusters(setup.pilot.vessel)
     if is_steered(setup.pilot.vessel):
         texts.append("whether thrusters and servos do as they are told is not judged: so far only of fixed thrusters")
     if setup.run.battery == BatteryLimits():
@@ -189,6 +195,25 @@ def warnings(setup: RunSetup) -> list[str]:
     elif setup.run.battery.critical_V is None and setup.run.battery.critical_percent is None:
         texts.append("no critical_V or critical_percent in [battery]: an empty battery will not stop the boat")
     return texts
+
+
+def _thrusters(vessel: VesselFile) -> Iterator[str]:
+    """Thrusters that push at the pulse of every stop, and forces that their pulses do not reach by far."""
+    voltage_V = vessel.propulsion.nominal_voltage_V
+    for i, t in enumerate(vessel.thrusters):
+        where, fmap = f"thrusters[{i}] ({t.name})", vessel.force_maps[t.force_map]
+        if not isinstance(fmap, RotorMap) and abs(t.trim_us) > BAND_US and t.gain:
+            at_rest_N = force_from_pwm(t, fmap, NEUTRAL_US, voltage_V)
+            yield f"{where}: trim_us = {t.trim_us}: 1500 us, which every stop puts out, pushes {at_rest_N:.3g} N"
+        sound = replace(t, gain=1.0)
+        ends = [force_from_pwm(sound, fmap, us, voltage_V) for us in (t.pwm_min_us, t.pwm_max_us)]
+        for key, wanted_N, reached_N in (
+            ("force_min_N", -t.force_min_N, -min(ends)),
+            ("force_max_N", t.force_max_N, max(ends)),
+        ):
+            if wanted_N > MOST_REACH * max(reached_N, 0.0):
+                there = f"its pulses reach {max(reached_N, 0.0):.3g} N at {voltage_V:g} V"
+                yield f"{where}: {key} = {getattr(t, key):g}, but {there}: control counts on what is not there"
 
 
 def refuse_unfit(setup: RunSetup, names: Mapping[str, str]) -> None:

@@ -1,11 +1,13 @@
 """The run file and what it names: read together, checked together, every error with its file and key."""
 
 import re
+from dataclasses import replace
 
 import pytest
 
 from companion.boat.load_run import EXAMPLES, load_setup, setup_of, warnings
 from companion.core.configuration.tables import ConfigError
+from companion.core.model.load_vessel import load_vessel
 from tests.support.drive_fixture import mission_text
 
 RUN, VESSEL, SITE, MISSION = "aritra.toml", "boats/aritra.toml", "sites/basin.toml", "missions/square.toml"
@@ -145,6 +147,32 @@ def test_a_battery_that_is_low_but_never_critical_is_told_of(folder):
     assert battery.startswith("no critical_V or critical_percent in [battery]: an empty battery will not stop")
     change(folder, RUN, "low_V = 14.0\n", "low_V = 14.0\ncritical_percent = 15\n")
     assert warnings(load_setup(folder / RUN)) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (r"force_max_N = 38.0", "force_max_N = 380.0", "force_max_N = 380, but its pulses reach"),
+        (r"force_min_N = -30.0", "force_min_N = -300.0", "force_min_N = -300, but its pulses reach 37.6 N"),
+        (r"channel = 9", "channel = 9\npwm_max_us = 1510", "force_max_N = 38, but its pulses reach 0 N"),
+        (r'channel = 9\nforce_map = "\w+"', 'channel = 9\ntrim_us = 200\nforce_map = "straight"',
+         "trim_us = 200: 1500 us, which every stop puts out, pushes -20 N"),
+    ],
+)  # fmt: skip
+def test_a_thruster_that_cannot_be_meant_so_is_told_of(folder, old, new, says):
+    straight = '[force_maps.straight]\nkind = "linear"\nahead_N = 40.0\nastern_N = 40.0\nsource = "assumed"\n'
+    change(folder, VESSEL, old, new)
+    change(folder, VESSEL, r"(?m)^\[\[thrusters\]\]$", f"{straight}\n[[thrusters]]")
+    (text,) = warnings(load_setup(folder / RUN))
+    assert text.startswith("thrusters[0] (") and says in text
+
+
+def test_the_example_boats_thrusters_are_as_they_can_be(folder):
+    for boat in sorted((EXAMPLES / "boats").glob("*.toml")):
+        setup = load_setup(folder / RUN)
+        vessel = load_vessel(boat.read_text(encoding="utf-8"), name=boat.name)
+        told = warnings(replace(setup, pilot=replace(setup.pilot, vessel=vessel)))
+        assert not [text for text in told if text.startswith("thrusters[")], boat.name
 
 
 def test_a_leg_through_a_pier_is_told_of(folder):

@@ -25,6 +25,7 @@ STAMP_FILE = "mavlink-signing-timestamp"
 KEEP_NS = 10_000_000_000
 """Between writes of the time stamp: what a crash forgets, the autopilot's next message teaches (assumed)."""
 _HEX = re.compile(r"[0-9a-fA-F]+")
+_AROUND = re.compile(r"[\s\"':,-]")
 _HEX_DIGITS, _LIKE_HEX = 2 * KEY_BYTES, 48
 
 
@@ -74,6 +75,9 @@ def _secret(content: bytes) -> bytes:
         if len(text) != _HEX_DIGITS:
             raise ValueError(f"{len(text)} hexadecimal digits, expected {_HEX_DIGITS}")
         return bytes.fromhex(text)
+    bare = _AROUND.sub("", text).removeprefix("0x")
+    if _HEX.fullmatch(bare) and len(bare) == _HEX_DIGITS:  # as a passphrase it would be another key, in silence
+        raise ValueError(f"{_HEX_DIGITS} hexadecimal digits with more around or between them: leave only the digits")
     return hashlib.sha256(text.encode()).digest()
 
 

@@ -210,3 +210,14 @@ def test_aritra_run_refuses_an_open_key_before_it_writes_anything(tmp_path, caps
     told = capsys.readouterr()
     assert f"mavlink.signing_key: {tmp_path / 'boat.key'}" in told.err and "chmod 600" in told.err
     assert SECRET.hex() not in told.err + told.out and not (tmp_path / "x.mcap").exists()
+
+
+@pytest.mark.parametrize("text", ["0x{}", " {}", "{} ", '"{}"', "{}:"])
+def test_hexadecimal_digits_with_something_around_them_are_no_passphrase(tmp_path, text):
+    """They were hashed: another key than the autopilot's, which then hears nothing."""
+    path = tmp_path / "key"
+    path.write_text(text.format("a1" * 32))
+    path.chmod(0o600)
+    with pytest.raises(ConfigError, match="64 hexadecimal digits with more around") as told:
+        load_key(path, where="run.toml: mavlink.signing_key")
+    assert "a1a1" not in str(told.value)

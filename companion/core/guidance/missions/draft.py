@@ -18,6 +18,10 @@ FARTHEST_M = 2000.0
 """A waypoint farther from the origin is taken for a mistake; flat earth errs by 0.6 m there (assumed)."""
 
 
+FARTHEST_CORNER_M = 10_000.0
+"""Of a fence, as of the site's own (`site_file.Metres`)."""
+
+
 @dataclass(frozen=True)
 class MissionError:
     """One thing wrong with a mission file: where, and what."""
@@ -114,6 +118,8 @@ class Draft:
         polygon = tuple(c for c in corners if c is not None)
         if not all(math.isfinite(x) for corner in polygon for x in corner):
             self.error(place, "has a corner that is not finite")
+        elif any(abs(x) > FARTHEST_CORNER_M for corner in polygon for x in corner):
+            self.error(place, f"has a corner more than {FARTHEST_CORNER_M:g} m north or east of the site's origin")
         elif len(polygon) + sum(len(fence.polygon) for fence in self.fences) > MOST_CORNERS:
             self.error(place, f"{len(polygon)} corners; the fences of a mission may have {MOST_CORNERS} together")
         elif len(polygon) > 2 and (edges := crossing(polygon)):

@@ -23,6 +23,19 @@ def test_toml_needs_no_origin_and_keeps_headings_and_fences_in_site_axes():
     assert mission.fences == (MissionFence(False, ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))),)
 
 
+@pytest.mark.parametrize(("far", "fine"), [("10000", True), ("10001", False), ("-2e4", False), ("1e200", False)])
+def test_a_fence_ends_where_a_plane_is_no_map_any_more(far, fine):
+    """At 1e200 m the distance to it was nan: no place lay beyond it, and no boat."""
+    text = f"""
+    waypoints = [{{ north_m = 1, east_m = 2 }}]
+    fences = [{{ inclusion = true, polygon = [[-5, -5], [-5, 5], [{far}, 5]] }}]
+    """
+    if fine:
+        assert parse(text, "toml").fences
+    else:
+        assert errors(text, "toml") == ["fences[0]: has a corner more than 10000 m north or east of the site's origin"]
+
+
 def test_all_that_is_wrong_with_a_toml_file_is_told_at_once():
     text = """
     end_heading_deg = nan

@@ -17,7 +17,7 @@ from companion.core.pilot.trust.accelerometer_check import AccelerometerState
 from companion.core.pilot.trust.heading_check import HeadingState
 from companion.core.pilot.trust.motion_check import MotionState
 from companion.core.pilot.trust.path_check import PathState
-from companion.core.pilot.trust.thruster_monitor import ThrusterState
+from companion.core.pilot.trust.thruster_verdict import ThrusterState
 from sim.world.environment import Weather
 from sim.world.score import track_of, tracking
 from sim.world.stepped import SteppedRun

@@ -32,7 +32,7 @@ from companion.core.pilot.trust.heading_check import HeadingState
 from companion.core.pilot.trust.model_motion import ModelMotion
 from companion.core.pilot.trust.motion_check import MotionState
 from companion.core.pilot.trust.path_check import PathState
-from companion.core.pilot.trust.thruster_monitor import ThrusterState
+from companion.core.pilot.trust.thruster_verdict import ThrusterState
 from companion.core.pilot.trust.verdict import Finding, vet
 from companion.core.sensors.table import SensorTable
 

@@ -40,7 +40,7 @@ from companion.core.pilot.monitors.table import MonitorTable
 from companion.core.pilot.plan_check import PlanCheck
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.trust.remaining_thrust import RemainingThrust
-from companion.core.pilot.trust.thruster_monitor import ThrusterState
+from companion.core.pilot.trust.thruster_verdict import ThrusterState
 
 SPREAD_SIGMAS = 2.0
 """An excitation stays so many sigmas of its position farther from the fence; assumed."""

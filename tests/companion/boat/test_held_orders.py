@@ -2,7 +2,8 @@
 
 import pytest
 
-from companion.core.messages import RcChannels
+from companion.core.messages import OperatorCommand, RcChannels
+from tests.companion.boat.app_fixture import Bench
 from tests.companion.boat.guarded_fixture import Guarded, told
 
 RECEIVER_US = (1500,) * 8
@@ -25,3 +26,22 @@ def test_a_hand_at_the_transmitter_takes_back_an_order_that_still_waits(taken, t
         assert await bench.run(12.0, until=lambda: bench.mode in ("starting", "auto")), "a new order is obeyed"
 
     assert bench.scene(story) is None
+
+
+@pytest.mark.long
+def test_without_the_interlock_an_order_expires_too(tmp_path):
+    bench = Bench(tmp_path / "run.mcap")
+
+    async def story(bench):
+        bench.deaf = True
+        bench.app.command(OperatorCommand(t_ns=bench.clock.now_ns(), command="start"))
+        await bench.run(1.0)
+        assert bench.mode == "starting"
+        await bench.run(10.0)
+        assert bench.mode == "idle"
+        bench.deaf = False
+        await bench.run(25.0)
+        assert bench.mode == "idle"
+
+    assert bench.scene(story) is None
+    assert told(bench, "start expired after 10 s") == 1

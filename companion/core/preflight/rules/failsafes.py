@@ -39,8 +39,11 @@ def failsafes(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]
 
 def overrides(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:
     """Whether overrides are taken at all, and for how long."""
-    name, value = p.spelled("SYSID_MYGCS"), p.get("SYSID_MYGCS")
+    name, value, highest = p.spelled("SYSID_MYGCS"), p.get("SYSID_MYGCS"), p.whole("MAV_GCS_SYSID_HI")
     mine = companion.system_id
+    if value is not None and value < highest:
+        why = f"systems {value:g} to {highest} may override (reference), and each hides that the companion is silent"
+        yield row("MAV_GCS_SYSID_HI", "warning", str(highest), "0", why, "set it to 0")
     why = "overrides of any other system are dropped without a word (the run file's mavlink.system_id)"
     if value == mine == 255:
         why, level = (
@@ -49,8 +52,10 @@ def overrides(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]
         )
         yield row(name, level, "255", "1", why, f"set it to 1, and mavlink.system_id to 1; or {PROVISION}")
     else:
-        level = "ok" if value == mine else "refuse"
-        yield row(name, level, number(value), str(mine), why, f"set it to {mine}" if value != mine else "")
+        taken = value is not None and value <= mine <= max(value, highest)
+        yield row(
+            name, "ok" if taken else "refuse", number(value), str(mine), why, "" if taken else f"set it to {mine}"
+        )
     yield _override_time(p, companion)
     options = p.whole("RC_OPTIONS")
     if options & IGNORE_OVERRIDES:

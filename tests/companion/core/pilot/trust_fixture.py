@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from companion.core.pilot.state import PilotState
 from companion.core.pilot.trust.motion_check import MotionState
-from companion.core.pilot.trust.thruster_monitor import ThrusterState
+from companion.core.pilot.trust.thruster_verdict import ThrusterState
 from companion.core.pilot.trust.verdict import Finding
 
 

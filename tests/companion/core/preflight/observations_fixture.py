@@ -1,10 +1,13 @@
 """What a pre-flight check may have heard, all in order, for the tests beside it."""
 
+from companion.cli.simulator.autopilot_options import wirings
 from companion.core.messages import (
     AutopilotInfo,
     Heartbeat,
 )
 from companion.core.preflight.observations import Disk, Observations, RoundTrip
+from companion.core.preflight.parameter_file import parse_parameters
+from companion.core.preflight.rows import ParameterSet
 from companion.core.preflight.wiring import Companion
 from tests.support.drive_fixture import setup
 
@@ -40,3 +43,16 @@ def by_name(rows):
     assert all(row.why and row.needed and row.found for row in rows)
     assert all(bool(row.fix) == (row.level != "ok") for row in rows), "what is not in order says what to do"
     return {row.name: row for row in rows}
+
+
+def told(wiring_name, **changed):
+    """A whole set as an autopilot would tell it: the file's, over what the firmware has by default."""
+    defaults = {
+        "RC_OPTIONS": 32.0, "MODE_CH": 8.0, "RCMAP_ROLL": 1.0, "RCMAP_PITCH": 2.0, "RCMAP_THROTTLE": 3.0,
+        "RCMAP_YAW": 4.0,
+        "ARMING_REQUIRE": 1.0, "ARMING_CHECK": 1.0, "BRD_SAFETY_DEFLT": 0.0, "SERVO_RC_FS_MSK": 0.0, "SCR_ENABLE": 0.0,
+        "FS_THR_ENABLE": 1.0, "FS_THR_VALUE": 910.0, "FS_ACTION": 2.0, "FS_GCS_ENABLE": 0.0, "RC_OVERRIDE_TIME": 3.0,
+        "ARMING_RUDDER": 2.0, "FRAME_TYPE": 0.0, **{f"SERVO{n}_FUNCTION": 0.0 for n in range(1, 17)},
+    }  # fmt: skip
+    file = parse_parameters(wirings()[wiring_name], name=wiring_name)
+    return ParameterSet({**defaults, **file, **changed})

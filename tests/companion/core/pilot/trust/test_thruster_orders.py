@@ -9,14 +9,16 @@ from companion.core.messages import OperatorCommand
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.monitors.monitor import TickView
-from companion.core.pilot.trust.hypothesis_bank import NOISE
+from companion.core.pilot.trust.hypothesis_bank import NOISE, ThrusterBank
 from companion.core.pilot.trust.remaining_thrust import RemainingThrust, ThrusterHealth
 from companion.core.pilot.trust.thruster_monitor import ThrusterMonitor
+from companion.core.pilot.trust.thruster_verdict import ThrusterVerdicts
 from tests.support.drive_fixture import setup
 
 VESSEL = setup().pilot.vessel
 B, M = configuration_matrix(VESSEL), mass_matrix(VESSEL)
-REMAINING, MONITOR = RemainingThrust(VESSEL), ThrusterMonitor(VESSEL)
+REMAINING, MONITOR, BANK = RemainingThrust(VESSEL), ThrusterMonitor(VESSEL), ThrusterBank(B, M)
+VERDICTS = ThrusterVerdicts(VESSEL, BANK)
 AHEAD = np.full(4, 7.0)
 
 
@@ -29,9 +31,9 @@ def driven(state, first_n, seconds, seed=5):
         told = REMAINING.redistribute(f + (REMAINING.probe(t_ns) if state.probing else 0.0), state.health)
         real_n = first_n(told[0]) if callable(first_n) else first_n
         residual = B[:, 0] * (real_n - told[0]) + rng.normal(0, NOISE)
-        bank = MONITOR._bank.step(state.bank, residual, told, np.linalg.solve(M, B @ told)[:2], 0.1)
+        bank = BANK.step(state.bank, residual, told, np.linalg.solve(M, B @ told)[:2], 0.1)
         if t_ns >= state.quiet_until_ns:
-            state, _ = MONITOR._judge(replace(state, bank=bank), TickView(t_ns, 0, None, 0, True, driving=True))
+            state, _ = VERDICTS.judge(replace(state, bank=bank), TickView(t_ns, 0, None, 0, True, driving=True))
         if state.hopeless:
             break
     return replace(state, quiet_until_ns=0)
@@ -93,9 +95,8 @@ def test_a_weak_thruster_that_comes_to_its_force_again_is_not_driven_harder_any_
 
 
 def found(state, kind, i=-1, j=-1):
-    bank = MONITOR._bank
-    k = next(n for n, h in enumerate(bank.hypotheses) if (h.kind, h.i, h.j) == (kind, i, j))
-    return MONITOR._found(state, k, TickView(0, 0, None, 0, True, driving=True))[0]
+    k = next(n for n, h in enumerate(BANK.hypotheses) if (h.kind, h.i, h.j) == (kind, i, j))
+    return VERDICTS.found(state, k, TickView(0, 0, None, 0, True, driving=True))[0]
 
 
 def test_an_accelerometer_that_is_still_wrong_after_a_new_start_is_left_out_again():

@@ -1,0 +1,207 @@
+"""What the thruster bank has found out: which hypothesis is believed, what follows for allocation, and the sentence for
+the operator."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.estimation.filter_state import FilterState
+from companion.core.messages import Alert
+from companion.core.pilot.monitors.monitor import NOTHING, MonitorReport, TickView
+from companion.core.pilot.trust.hypothesis_bank import BankState, ThrusterBank, ThrustHypothesis
+from companion.core.pilot.trust.remaining_thrust import ThrusterHealth
+from companion.core.pilot.trust.verdict import Finding
+
+SURE_NATS, AHEAD_NATS = 15.0, 5.0
+"""So much for a hypothesis against `sound`, and against the next one; assumed: beyond 1 in a million by chance."""
+ASK_NATS = 5.0
+"""From so much on forces that cancel each other are commanded, which tell one thruster from the others; assumed."""
+FINE_GAIN, DEAD_GAIN, REVERSED_GAIN = 0.75, 0.2, -0.25
+"""A gain above the first is fine, below the second dead, below the third reversed."""
+DEAD_N = 1.5
+"""A thruster that is stuck at less is dead; assumed: half of what the boat asks with."""
+WAVE_TICKS, PUSHED_NATS = 30, 40.0
+"""A push, or a bad accelerometer, needs so many residuals and nats, which tell it from waves: those of 0.2 m make up to
+25 nats within their first periods."""
+QUIET_NS = 1_000_000_000
+"""Dead time, lag and filters together; assumed."""
+BEARABLE_SHARE = 0.3
+"""A thruster that is stuck at more than this share of its limit cannot be held against without great effort."""
+
+
+class TickMotion(NamedTuple):
+    """What a tick leaves to the bank: the filter at the last tick and at this one, mean specific force between [m/s^2],
+    and the slope of the yaw rate.
+    """
+
+    before: FilterState
+    now: FilterState
+    force_m_s2: np.ndarray
+    r_dot_rad_s2: float
+    view: TickView
+
+
+@dataclass(frozen=True, eq=False)
+class ThrusterState:
+    """`bank`; what has come since the last tick: `force`, `count` of samples, `rates` (instant, r) of the attitudes;
+    `before`: the filter at the last tick, and its yaw rate; `health`: what is known; `probing`: forces that cancel
+    each other are commanded, to tell one thruster from another; `quiet_until_ns`: commands of before the latest
+    change are still under way; `suspected`: hypotheses that explain it alike, in words, since they were told of;
+    `accel_off`: the accelerometer is left out until the next start; `pending`: of the last tick, not yet in the bank.
+    """
+
+    bank: BankState
+    health: ThrusterHealth
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    count: int = 0
+    rate: tuple[int, float] | None = None
+    rate_before: tuple[int, float] | None = None
+    before: FilterState | None = None
+    findings: tuple[Finding, ...] = ()
+    hopeless: str = ""
+    probing: bool = False
+    quiet_until_ns: int = 0
+    suspected: str = ""
+    accel_off: bool = False
+    pending: TickMotion | None = None
+
+
+class ThrusterVerdicts:
+    """The judge of a bank's filters: believes, asks, or waits."""
+
+    def __init__(self, vessel: VesselFile, bank: ThrusterBank):
+        self._vessel, self._bank = vessel, bank
+        self._names = [t.name for t in vessel.thrusters]
+
+    def is_bearable(self, i: int, stuck_n: float | None) -> bool:
+        """Whether the others can hold against thruster `i`, stuck at this force (None: not stuck)."""
+        return stuck_n is None or abs(stuck_n) <= BEARABLE_SHARE * self._vessel.thrusters[i].most_N
+
+    def judge(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
+        """What the bank says now, whose latest residual is of this tick."""
+        nats, kinds = state.bank.nats, self._bank.hypotheses
+        stuck = state.health.stuck_n  # for one whose force is always the same, another gain says nothing else
+        order = [k for k in np.argsort(nats)[::-1] if not (kinds[k].kind == "gain" and stuck[kinds[k].i] is not None)]
+        best = order[0]
+        report = report_of(state)
+        asks = nats[best] >= ASK_NATS and kinds[best].is_thruster and not view.suspect
+        state = replace(state, probing=asks)
+        if nats[best] < SURE_NATS or view.suspect:
+            return state, report
+        near = [k for k in order if nats[k] > nats[best] - AHEAD_NATS]
+        dead = [k for k in near if kinds[k].i == kinds[best].i and self._says_dead(state, k)]
+        if best in dead:  # to give nothing of what is asked for, and to be stuck at nothing, is the same
+            near = [k for k in near if k not in dead]
+            best = min(dead)
+        rivals = [kinds[k] for k in near if k != best]
+        if kinds[best].kind != "pushed":  # that would have to push just as a thruster or a bad accelerometer does
+            rivals = [h for h in rivals if h.kind != "pushed"]
+        if kinds[best].kind == "pushed" and rivals and all(h.blames_accelerometer for h in rivals):
+            best, rivals = kinds.index(rivals[0]), []  # without the accelerometer the filter follows a push as well
+        if kinds[best].blames_accelerometer:  # however it is wrong, it is left out
+            rivals = [h for h in rivals if not h.blames_accelerometer]
+        if rivals:
+            return self._undecided(state, [kinds[best], *rivals], view)
+        if not kinds[best].blames_thrust and (state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS):
+            return state, report
+        return self.found(state, int(best), view)
+
+    def _says_dead(self, state: ThrusterState, k: int) -> bool:
+        """Whether by hypothesis `k` a thruster gives nothing."""
+        h, mean = self._bank.hypotheses[k], state.bank.mean[k]
+        if h.kind == "gain":
+            return REVERSED_GAIN < 1.0 + float(mean[3 + h.i]) < DEAD_GAIN
+        return h.kind == "stuck" and abs(float(mean[-1])) < DEAD_N
+
+    def _undecided(
+        self, state: ThrusterState, rivals: list[ThrustHypothesis], view: TickView
+    ) -> tuple[ThrusterState, MonitorReport]:
+        """Several explain it alike."""
+        if state.suspected:
+            return state, report_of(state)
+        suspected = " or ".join(_words(h, self._names) for h in rivals[:3])
+        alert = Alert(t_ns=view.t_ns, level="warning", text=f"the boat does not do what it is told: {suspected}")
+        return replace(state, suspected=suspected), report_of(state, alert)
+
+    def found(self, state: ThrusterState, k: int, view: TickView) -> tuple[ThrusterState, MonitorReport]:
+        """Hypothesis `k` explains it."""
+        h, mean, health = self._bank.hypotheses[k], state.bank.mean[k], state.health
+        nats = float(state.bank.nats[k])
+        gains, stuck, order = list(health.gains), list(health.stuck_n), list(health.order)
+        hopeless, cause, what, text = state.hopeless, "thruster", h.kind, _words(h, self._names)
+        if h.kind == "gain":
+            gain, what = 1.0 + float(mean[3 + h.i]), self._names[h.i]
+            if gain > FINE_GAIN and (gain < 1 / FINE_GAIN or abs(gains[h.i]) > FINE_GAIN):
+                return state, NOTHING
+            gain = 0.0 if REVERSED_GAIN < gain < DEAD_GAIN else max(-1.0, gain)
+            gains[h.i] *= -1.0 if gain < 0 else gain
+            if gain > 1.0:  # one that was weak has come to its force again
+                share = 1.0 if abs(gains[h.i]) > FINE_GAIN else abs(gains[h.i])
+                gains[h.i] = math.copysign(share, gains[h.i])
+                text = f"thruster {what} gives {100 * share:.0f} % of its force again"
+            else:
+                text = f"thruster {what} {_gain_words(gain)}; the others take over"
+        elif h.kind == "stuck":
+            what = self._names[h.i]
+            stuck[h.i] = force = float(mean[-1])
+            text = f"thruster {what} is stuck at {force:.0f} N whatever it is told"
+            hopeless = hopeless if self.is_bearable(h.i, force) else f"{text}; cut its power"
+        elif h.kind == "swap":
+            order = [{h.i: h.j, h.j: h.i}.get(k, k) for k in order]
+            text = f"{text}: each gets the other's pulse"
+        elif h.kind == "reversed":
+            gains = [-g for g in gains]
+            text = "all thrusters push the wrong way; their pulses are turned round"
+        elif h.blames_accelerometer:
+            cause, what, text = "sensor", "accel", f"{text}: left out until the next start"
+        else:
+            cause, text = "surroundings", "something pushes the boat harder than water and wind usually do"
+        if cause != "thruster":
+            return self._elsewhere(state, Finding(cause, what, text, view.t_ns, nats), view)
+        hopeless = "" if all(map(self.is_bearable, range(len(stuck)), stuck)) else hopeless
+        finding = Finding("thruster", what, text, view.t_ns, nats)
+        alert = Alert(t_ns=view.t_ns, level="error", text=f"{text} ({nats:.0f} nats)")
+        state = replace(
+            state, bank=self._bank.initial(), health=ThrusterHealth(tuple(gains), tuple(stuck), tuple(order)),
+            findings=(*state.findings, finding), hopeless=hopeless, probing=False, suspected="",
+            quiet_until_ns=view.t_ns + QUIET_NS,
+        )  # fmt: skip
+        return state, report_of(state, alert)
+
+    def _elsewhere(self, state: ThrusterState, finding: Finding, view: TickView) -> tuple[ThrusterState, MonitorReport]:
+        """Not a thruster: told once."""
+        if any(f.what == finding.what for f in state.findings):
+            return state, NOTHING
+        alert = Alert(t_ns=view.t_ns, level="warning", text=f"{finding.text} ({finding.nats:.0f} nats)")
+        state = replace(state, accel_off=state.accel_off or finding.cause == "sensor")
+        return replace(state, findings=(*state.findings, finding)), MonitorReport(alerts=(alert,))
+
+
+def report_of(state: ThrusterState, *alerts: Alert) -> MonitorReport:
+    """The condition that holds, and alerts."""
+    return MonitorReport({"crippled": state.hopeless} if state.hopeless else {}, alerts)
+
+
+def _gain_words(gain: float) -> str:
+    if gain < 0:
+        return "pushes the wrong way: its pulses are turned round"
+    return "does not push" if gain == 0 else f"gives {100 * gain:.0f} % of its force"
+
+
+def _words(h: ThrustHypothesis, names: list[str]) -> str:
+    """A hypothesis in words."""
+    one, other = (names[h.i], names[h.j]) if h.is_thruster else ("", "")
+    return {
+        "gain": f"thruster {one} gives another force",
+        "stuck": f"thruster {one} is stuck",
+        "swap": f"thrusters {one} and {other} have changed places",
+        "reversed": "all thrusters are reversed",
+        "pushed": "something pushes it",
+        "accel": "the accelerometer is wrong",
+        "askew": "the accelerometer is wrong (its axes are turned or exchanged)",
+    }[h.kind]

@@ -37,7 +37,7 @@ from sim.world.channel_sensor import ChannelSensor
 from sim.world.environment import Environment, Moment, Weather, with_terms_of
 from sim.world.plant import Plant, perturbed
 from sim.world.sensors import ImuSensor, UwbFaults, UwbSensor
-from sim.world.sitl.board import HeadingGains, SitlBoard
+from sim.world.sitl.board import VOLTAGE_V, HeadingGains, SitlBoard
 from sim.world.uwb_tag import UwbTag
 
 STEP_NS = 10_000_000
@@ -49,7 +49,7 @@ class WorldSetup:
 
     Of the autopilot: `parameters`, `firmware` ("4.6", "4.7"), `receiver_us` (pulse widths of an RC receiver, empty
     without one), `serial` (the autopilot's port that the MAVLink peers are on; 0 is USB, which signing trusts), `board`
-    (heading and gyros as ArduPilot's simulator has them; None: as the vessel file says).
+    (heading, gyros and battery as ArduPilot's simulator has them; None: as the vessel file says).
     """
 
     vessel: VesselFile
@@ -208,8 +208,8 @@ class World(Afloat):
         raw = SensorFrame(
             accel_m_s2=reading.accel_m_s2, gyro_rad_s=reading.gyro_rad_s, phi_rad=reading.phi_rad,
             theta_rad=reading.theta_rad, psi_rad=reading.psi_rad + self._rotation_rad, p_rad_s=p, q_rad_s=q, r_rad_s=r,
-            voltage_v=self.plant.voltage_v, current_a=self.plant.current_a, receiver_us=self.receiver_us,
-            gnss=self._fix,
+            voltage_v=VOLTAGE_V if self._board else self.plant.voltage_v, current_a=self.plant.current_a,
+            receiver_us=self.receiver_us, gnss=self._fix,
         )  # fmt: skip
         parameters = self.rover.vehicle.parameters
         return self._ahrs.advance(raw, parameters["INS_GYRO_FILTER"], parameters["INS_ACCEL_FILTER"])

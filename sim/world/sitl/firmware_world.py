@@ -27,6 +27,7 @@ from typing import IO
 from companion.core.messages import GroundTruth
 from companion.python_child import end_with
 from sim.world.sitl.backend import JsonBackend
+from sim.world.sitl.board import VOLTAGE_V
 from sim.world.sitl.physics import SitlPhysics
 from sim.world.sitl.protocol import PORT, NotServos, decode
 from sim.world.sitl.script_thread import ScriptThread
@@ -42,7 +43,7 @@ INSTANCES = range(20, 256)
 HERE = {
     "SIM_RC_FAIL": 1,
     "SIM_RATE_HZ": FRAME_HZ,
-    "SIM_BATT_VOLTAGE": 16,
+    "SIM_BATT_VOLTAGE": VOLTAGE_V,
     "BATT_MONITOR": 4,
     "MAV_GCS_SYSID": 1,
     **{f"INS_ACC{n}OFFS_{axis}": 0.001 for n in ("", "2") for axis in "XYZ"},

@@ -91,3 +91,19 @@ def test_with_gps_the_drift_that_is_known_is_that_of_the_moment_of_setting_off()
     assert abs(heading_error_deg(EKF3_WITH_GPS, after_s=100.0)) < 0.001
     slipped = heading_error_deg(EKF3_WITH_GPS, after_s=100.0, u_m_s=0.5)
     assert slipped == pytest.approx(0.97, abs=0.1)
+
+
+def test_between_two_readings_of_its_compass_dcm_corrects_less_and_less():
+    """Oracle: AP_AHRS_DCM's loop at 200 Hz with a compass 1 degree away, its integral left out."""
+    board, said_rad = SitlBoard(DCM._replace(gyro=0.0), SITE, PERIOD_S), 0.0
+    level = ImuReading((0.0, 0.0, -9.81), (0.0, 0.0, 0.0), 0.0, 0.0, math.nan)
+    expected, correction = 0.0, 0.0
+    board.sense(level, 0.0, 0.0, (0.0, 0.0))
+    for loop in range(800):
+        correction = 0.18 * (math.radians(1) - expected) if loop % 20 == 0 else 0.97 * correction
+        expected += correction / 200
+    for _ in range(400):
+        said_rad = board.sense(level, math.radians(1), 0.0, (0.0, 0.0)).psi_rad
+    drift_deg = math.degrees(GYRO_DRIFT_RAD_S2) * 4.0**2 / 2
+    assert math.degrees(said_rad) - drift_deg == pytest.approx(math.degrees(expected), abs=0.02)
+    assert math.degrees(expected) < 0.45 < 1 - math.exp(-0.18 * 4.0)

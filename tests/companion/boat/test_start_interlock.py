@@ -278,6 +278,7 @@ def test_a_function_that_is_not_told_is_asked_for_until_it_is_and_so_long_nothin
     """On a lossy link: output 9 may pass a thruster's channel plainly."""
     guard, framer = StartInterlock(MavlinkCodec(target_system=1), COMPANION), Framer()
     values, lost, messages, asked = parameters_of("gate").values, {"SERVO9_FUNCTION"}, [BEAT], []
+    assert not guard.passes(OperatorCommand(t_ns=0, command="start"), SWITCH_ON_S)
     for k in range(400):
         messages = [
             BEAT,

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 import deploy
 from companion.core.configuration.run_file import BatteryLimits, RunFile, load_run
 from companion.core.configuration.site_file import Site, load_site
-from companion.core.configuration.tables import BYTE_ORDER_MARK, ConfigError, digest
+from companion.core.configuration.tables import TEXT, ConfigError, digest
 from companion.core.configuration.vessel_file import RotorMap, Thruster, VesselFile
 from companion.core.constants import NEUTRAL_US, PACK_SHARES
 from companion.core.excitation.file import load_excitation
@@ -208,11 +208,11 @@ def _thrusters(vessel: VesselFile) -> Iterator[str]:
         sound = replace(t, gain=1.0)
         ends = [force_from_pwm(sound, fmap, us, voltage_V) for us in (t.pwm_min_us, t.pwm_max_us)]
         for key, wanted_N, reached_N in (
-            ("force_min_N", -t.force_min_N, -min(ends)),
-            ("force_max_N", t.force_max_N, max(ends)),
+            ("force_min_N", -t.force_min_N, max(0.0, -min(ends))),
+            ("force_max_N", t.force_max_N, max(0.0, *ends)),
         ):
-            if wanted_N > MOST_REACH * max(reached_N, 0.0):
-                there = f"its pulses reach {max(reached_N, 0.0):.3g} N at {voltage_V:g} V"
+            if wanted_N > MOST_REACH * reached_N:
+                there = f"its pulses reach {reached_N:.3g} N at {voltage_V:g} V"
                 yield f"{where}: {key} = {getattr(t, key):g}, but {there}: control counts on what is not there"
 
 
@@ -259,9 +259,11 @@ def _mission(text: str, name: str, site: Site) -> Mission:
 def _read(path: Path, named: str = "") -> str:
     """The file's text; `named`: where its name was found. Raises ConfigError."""
     try:
-        return path.read_text(encoding="utf-8").removeprefix(BYTE_ORDER_MARK)
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
-        if not isinstance(error, OSError | UnicodeDecodeError):
-            reason = str(error)  # a null byte in the name
-        raise ConfigError(f"{named}{path}: {reason}") from None
+        return path.read_text(encoding=TEXT)
+    except OSError as error:
+        reason = error.strerror
+    except UnicodeDecodeError:
+        reason = "is not UTF-8 text"
+    except ValueError as error:  # a null byte in the name
+        reason = str(error)
+    raise ConfigError(f"{named}{path}: {reason}")

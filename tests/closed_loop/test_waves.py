@@ -12,13 +12,12 @@ SMALL = Weather(H_s_m=0.1, T_p_s=1.8)
 MORE = [(WAVES, 1), (WAVES, 3), (SMALL, 3)]
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("weather", "seed"),
     [
         (WAVES, 2),
-        (SMALL, 1),
-        *(pytest.param(*more, marks=pytest.mark.matrix) for more in MORE),
+        pytest.param(SMALL, 1, marks=pytest.mark.long),
+        *(pytest.param(*more, marks=(pytest.mark.long, pytest.mark.matrix)) for more in MORE),
     ],
 )
 def test_the_estimate_is_right_in_waves_and_the_boat_stays_on_its_track(weather, seed):

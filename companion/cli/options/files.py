@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from companion.core.configuration import file_kinds as kinds
-from companion.core.configuration.tables import BYTE_ORDER_MARK, ConfigError
+from companion.core.configuration.tables import TEXT, ConfigError
 
 OTHERS = (*kinds.EXAMPLES, "a picture", "a PDF file", "a ZIP archive", "a program", "an HTML page", "a JSON file")
 """What no log is."""
@@ -86,6 +86,6 @@ def python_file(text: str) -> Path:
 def text_of(path: Path) -> str:
     """Text of a UTF-8 file. Raises ConfigError where it is not one, OSError."""
     try:
-        return path.read_text(encoding="utf-8").removeprefix(BYTE_ORDER_MARK)
+        return path.read_text(encoding=TEXT)
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: is not UTF-8 text") from None

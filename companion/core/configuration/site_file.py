@@ -15,10 +15,10 @@ import numpy as np
 from companion.core.configuration import file_kinds
 from companion.core.configuration.tables import ConfigError, SourcedTable, parse_toml
 from companion.core.geometry.anchors import SAME_PLACE_M, in_one_place, on_one_another
-from companion.core.geometry.fence import MOST_CORNERS, clearance, crossing, enclosed_m2
+from companion.core.geometry.fence import FARTHEST_CORNER_M, MOST_CORNERS, clearance, crossing, enclosed_m2
 
-Metres = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
-"""A place in site axes [m]; farther off a plane is no map any more (as of missions: `FARTHEST_M`)."""
+Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_CORNER_M, le=FARTHEST_CORNER_M)]
+"""A place in site axes [m]."""
 LEAST_FENCE_M2 = 1.0
 """Less is no water that a boat fits in; assumed."""
 

@@ -22,8 +22,8 @@ T = TypeVar("T", bound=msgspec.Struct)
 TYPES = {"float": "a number", "int": "a whole number", "str": "text", "bool": "true or false", "array": "a list",
          "object": "a table"}  # fmt: skip
 """What msgspec calls the types of a value, in TOML's words."""
-BYTE_ORDER_MARK = "\ufeff"
-"""What editors of Windows put before UTF-8."""
+TEXT = "utf-8-sig"
+"""Encoding of files that people write: UTF-8, with or without the byte order mark of editors of Windows."""
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0)]
 

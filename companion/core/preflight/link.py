@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import statistics
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from companion.core.constants import NEUTRAL_US
 from companion.core.messages import StatusText
@@ -17,6 +17,15 @@ from companion.core.preflight.wiring import BAND_US, Companion, Output, wiring
 
 ROVER, BOAT = 10, 11
 """MAV_TYPE_GROUND_ROVER, MAV_TYPE_SURFACE_BOAT: what Rover firmware is. Mode 0 of any other is not MANUAL."""
+STEERS = "the autopilot's own idea of what it steers"
+VEHICLES: Mapping[int, tuple[Level, str, str]] = {
+    BOAT: ("ok", STEERS, ""),
+    ROVER: ("warning", STEERS, "set FRAME_CLASS to 2"),
+}
+"""Type of a heartbeat -> level, why, what to do."""
+NO_ROVER: tuple[Level, str, str] = (
+    "refuse", "no Rover firmware: its modes and fail-safes are others", "ArduPilot Rover on it, or our own wire",
+)  # fmt: skip
 MODES = {0: "MANUAL", 4: "HOLD", 5: "LOITER", 15: "GUIDED", 16: "INITIALISING"}
 KNOWN_MINORS = (6, 7)
 ENOUGH = 0.65
@@ -41,14 +50,12 @@ def link_rows(observed: Observations, companion: Companion) -> Iterator[Row]:
     if beat is None:
         yield _no_heartbeat(observed)
         return
-    boat = beat.vehicle_type == BOAT
-    other = beat.vehicle_type not in (ROVER, BOAT)
+    level, why, fix = VEHICLES.get(beat.vehicle_type, NO_ROVER)
+    called = "boat" if beat.vehicle_type == BOAT else f"type {beat.vehicle_type}"
     yield Row(
-        area="link", name="heartbeat", level="ok" if boat else "refuse" if other else "warning",
-        found=f"system {beat.system}, component {beat.component}, {'boat' if boat else f'type {beat.vehicle_type}'}",
-        needed="a boat (type 11)", why="no Rover firmware: its modes and fail-safes are others" if other
-        else "the autopilot's own idea of what it steers",
-        fix="" if boat else "ArduPilot Rover on it, or our own wire" if other else "set FRAME_CLASS to 2",
+        area="link", name="heartbeat", level=level,
+        found=f"system {beat.system}, component {beat.component}, {called}",
+        needed="a boat (type 11)", why=why, fix=fix,
     )  # fmt: skip
     if observed.strangers:
         named = observed.autopilot is not None
@@ -175,13 +182,16 @@ def rest_rows(observed: Observations, p: ParameterSet, companion: Companion) -> 
         why="`aritra run` asks for MANUAL when it starts", fix="" if calm else "wait, or set HOLD",
     )  # fmt: skip
     complaints = arming_complaints(observed.texts)
-    fix = "" if observed.arming_told else "check again; a better link"
+    if complaints:
+        level, found = "refuse", "; ".join(complaints)
+        fix = "mend what it says; sensors may need a minute after it was switched on: check again"
+    elif observed.arming_told:
+        level, found, fix = "ok", "no complaint", ""
+    else:
+        level, found, fix = "warning", "no answer", "check again; a better link"
     yield Row(
-        area="state", name="arming checks",
-        level="refuse" if complaints else "ok" if observed.arming_told else "warning",
-        found="; ".join(complaints) or ("no complaint" if observed.arming_told else "no answer"),
-        needed="no complaint", why="the autopilot refuses to arm while it complains",
-        fix="mend what it says; sensors may need a minute after it was switched on: check again" if complaints else fix,
+        area="state", name="arming checks", level=level, found=found, needed="no complaint",
+        why="the autopilot refuses to arm while it complains", fix=fix,
     )  # fmt: skip
     yield from _gate_texts(observed, companion)
     if observed.servo and not beat.armed:

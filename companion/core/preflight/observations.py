@@ -75,7 +75,7 @@ class Observations:
     servo: ServoOutput | None = None
     rc: RcChannels | None = None
     texts: tuple[StatusText, ...] = ()
-    arming_told: bool = True
+    arming_told: bool = False
     estimate: StateEstimate | None = None
     innovations: tuple[Innovation, ...] = ()
     heard: Mapping[str, tuple[Measured, ...]] = field(default_factory=dict)

@@ -64,7 +64,6 @@ class SitlBoard:
         self._compass: list[float] = []
         self._psi_rad = math.nan
         self._gyro_rad_s = self._nu_rad = self._t_s = 0.0
-        self._fresh = 1.0
         self._under_way = False
         self._before: ImuReading | None = None
 
@@ -80,8 +79,8 @@ class SitlBoard:
             self._gyro_rad_s = -drift
         if abs(r) < SPIN_RAD_S:
             self._gyro_rad_s += self._period_s * self._gains.gyro * self._nu_rad
-        self._psi_rad += self._period_s * (r + self._gyro_rad_s + self._gains.heading * self._fresh * self._nu_rad)
-        self._fresh *= FADES ** (LOOP_HZ * self._period_s)
+        faded = FADES ** (LOOP_HZ * self._period_s * len(self._compass))
+        self._psi_rad += self._period_s * (r + self._gyro_rad_s + self._gains.heading * faded * self._nu_rad)
         self._read(compass_rad, tilt_error_rad)
         now = replace(reading, gyro_rad_s=(p, q, r), psi_rad=self._psi_rad)
         before, self._before = self._before or now, now
@@ -107,7 +106,7 @@ class SitlBoard:
         if math.isnan(self._psi_rad):
             self._psi_rad = compass_rad
         if self._gains.gps:  # an EKF levels rightly, and compares each sample with the heading of its time
-            self._nu_rad, self._fresh = ssa(compass_rad - self._psi_rad), 1.0
+            self._nu_rad = ssa(compass_rad - self._psi_rad)
             return
         phi, theta = tilt_error_rad
         north_rad = compass_rad - self._north_rad
@@ -116,7 +115,6 @@ class SitlBoard:
         if len(self._compass) * self._period_s >= COMPASS_PERIOD_S - 1e-9:
             self._nu_rad = sum(ssa(each - self._psi_rad) for each in self._compass) / len(self._compass)
             self._compass.clear()
-            self._fresh = 1.0
 
 
 def _magnetic_field(site: Site) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.framing import Framer
 from tests.companion.boat.guarded_fixture import PLAIN, Guarded, silently_written, strange, told, written
 from tests.companion.core.preflight.observations_fixture import BEAT, COMPANION
-from tests.companion.core.preflight.test_rows import told as parameters_of
+from tests.companion.core.preflight.observations_fixture import told as parameters_of
 
 REFUSED = "refused: the boat might not stop"
 
@@ -289,4 +289,4 @@ def test_a_function_that_is_not_told_is_asked_for_until_it_is_and_so_long_nothin
             assert not guard.clear and not guard.refused
             assert sum("SERVO9_FUNCTION" in alert.text for alert in guard.take_alerts()) == 1
             lost = set()
-    assert not lost and guard.clear
+    assert not lost and guard.clear and guard.passes(OperatorCommand(t_ns=0, command="start"))

@@ -10,16 +10,12 @@ from typing import TypeGuard
 import msgspec
 
 from companion.core.configuration.tables import found_wrong
-from companion.core.geometry.fence import MOST_CORNERS, crossing
+from companion.core.geometry.fence import FARTHEST_CORNER_M, MOST_CORNERS, crossing
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.guidance.path import Path, Waypoint, path_problems
 
 FARTHEST_M = 2000.0
 """A waypoint farther from the origin is taken for a mistake; flat earth errs by 0.6 m there (assumed)."""
-
-
-FARTHEST_CORNER_M = 10_000.0
-"""Of a fence, as of the site's own (`site_file.Metres`)."""
 
 
 @dataclass(frozen=True)

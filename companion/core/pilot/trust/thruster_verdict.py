@@ -115,7 +115,7 @@ class ThrusterVerdicts:
         """Whether by hypothesis `k` a thruster gives nothing."""
         h, mean = self._bank.hypotheses[k], state.bank.mean[k]
         if h.kind == "gain":
-            return REVERSED_GAIN < 1.0 + float(mean[3 + h.i]) < DEAD_GAIN
+            return _is_dead(1.0 + float(mean[3 + h.i]))
         return h.kind == "stuck" and abs(float(mean[-1])) < DEAD_N
 
     def _undecided(
@@ -138,7 +138,7 @@ class ThrusterVerdicts:
             gain, what = 1.0 + float(mean[3 + h.i]), self._names[h.i]
             if gain > FINE_GAIN and (gain < 1 / FINE_GAIN or abs(gains[h.i]) > FINE_GAIN):
                 return state, NOTHING
-            gain = 0.0 if REVERSED_GAIN < gain < DEAD_GAIN else max(-1.0, gain)
+            gain = 0.0 if _is_dead(gain) else max(-1.0, gain)
             gains[h.i] *= -1.0 if gain < 0 else gain
             if gain > 1.0:  # one that was weak has come to its force again
                 share = 1.0 if abs(gains[h.i]) > FINE_GAIN else abs(gains[h.i])
@@ -185,6 +185,10 @@ class ThrusterVerdicts:
 def report_of(state: ThrusterState, *alerts: Alert) -> MonitorReport:
     """The condition that holds, and alerts."""
     return MonitorReport({"crippled": state.hopeless} if state.hopeless else {}, alerts)
+
+
+def _is_dead(gain: float) -> bool:
+    return REVERSED_GAIN < gain < DEAD_GAIN
 
 
 def _gain_words(gain: float) -> str:

@@ -53,9 +53,7 @@ def overrides(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]
         yield row(name, level, "255", "1", why, f"set it to 1, and mavlink.system_id to 1; or {PROVISION}")
     else:
         taken = value is not None and value <= mine <= max(value, highest)
-        yield row(
-            name, "ok" if taken else "refuse", number(value), str(mine), why, "" if taken else f"set it to {mine}"
-        )
+        yield row(name, "ok" if taken else "refuse", number(value), str(mine), why, f"set it to {mine}")
     yield _override_time(p, companion)
     options = p.whole("RC_OPTIONS")
     if options & IGNORE_OVERRIDES:

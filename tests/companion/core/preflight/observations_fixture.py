@@ -33,7 +33,7 @@ TRIPS = tuple(RoundTrip(0.003 + 0.0001 * k, 12.0 + 0.0001 * k) for k in range(10
 def heard(**changed):
     given = {
         "listened_s": 5.0, "disk": DISK, "wall_s": 1.8e9, "heartbeat": BEAT, "info": INFO, "received": 1000,
-        "wanted_hz": WANTED, "rates_hz": dict(WANTED), "round_trips": TRIPS,
+        "arming_told": True, "wanted_hz": WANTED, "rates_hz": dict(WANTED), "round_trips": TRIPS,
     }  # fmt: skip
     return Observations(**{**given, **changed})
 

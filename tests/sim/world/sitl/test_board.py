@@ -44,7 +44,8 @@ def test_the_gyros_warm_up():
     board = SitlBoard(DCM, SITE, PERIOD_S)
     for _ in range(6000):
         reading = board.sense(ImuReading((0.0, 0.0, -9.81), (0.1, 0.2, 0.3), 0.0, 0.0, 0.0), 0.0, 0.0, (0.0, 0.0))
-    assert np.subtract(reading.gyro_rad_s, (0.1, 0.2, 0.3)) == pytest.approx([math.radians(0.05)] * 3, rel=1e-3)
+    drift_rad_s = GYRO_DRIFT_RAD_S2 * (60.0 - READING_AGE_S)
+    assert np.subtract(reading.gyro_rad_s, (0.1, 0.2, 0.3)) == pytest.approx([drift_rad_s] * 3)
 
 
 def test_readings_are_older_than_their_stamps():

@@ -73,7 +73,7 @@ class Judge:
             custom_mode=int(vehicle.modes.mode), system_status=3, armed=vehicle.modes.armed,
         )  # fmt: skip
         heard = Observations(
-            listened_s=5.0, disk=Disk("", 10**12), wall_s=2e9, heartbeat=beat,
+            listened_s=5.0, disk=Disk("", 10**12), wall_s=2e9, heartbeat=beat, arming_told=True,
             servo=ServoOutput(t_ns=0, pwm_us=self.bench.rover.outputs_us),
             rc=RcChannels(t_ns=0, pwm_us=(*vehicle.rc.radio_in_us, 0, 0)),
         )  # fmt: skip

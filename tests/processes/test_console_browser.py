@@ -207,7 +207,7 @@ def test_reload_and_a_killed_server_recover_and_a_stop_meanwhile_arrives(tmp_pat
         assert "No connection to the console program for" in page.text("#link-text")
         known = page.page.evaluate("aritra.history.list('taped', 'state').length")
         page.page.click("#stop")
-        page.wait("document.querySelector('#answers li')?.innerText.includes('trying again')")
+        page.wait("document.querySelector('#answers li')?.innerText.includes('Trying again')")
         assert boat.obeyed == []
         time.sleep(1.5)
         with served(tmp_path / "second.txt", *given):

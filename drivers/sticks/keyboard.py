@@ -21,7 +21,7 @@ from drivers.sticks.mapping import NEUTRAL, Shares
 FIRST_S = 0.65
 REPEAT_S = 0.5
 ESCAPE_S = 0.05
-"""The bytes of an arrow key come together; an Esc that stays alone for longer is the Esc key (assumed)."""
+"""The bytes of an arrow key come together; what an Esc began and did not end for longer is the Esc key (assumed)."""
 LEVEL = 0.3
 """Share of the full force at the start; assumed."""
 
@@ -51,7 +51,9 @@ COMMANDS: dict[bytes, Command] = {
     b"\x04": "quit",
 }
 """Key -> command: r takes the sticks, g starts the mission, h holds, p plays the excitation, m marks the log."""
-_ESCAPE = 0x1B
+_ESCAPE, _PARAMETERS = 0x1B, b"0123456789;"
+_FUNCTION_KEY = ord("[")
+"""On a Linux console the keys F1 to F5 are ESC [ [ A to E."""
 
 
 class Keyboard:
@@ -67,7 +69,7 @@ class Keyboard:
     def feed(self, data: bytes, t_ns: int) -> list[Command]:
         """Take what the terminal gave at `t_ns` [ns], b"" if nothing; the commands in it, in order."""
         out: list[Command] = []
-        if self._escape == b"\x1b" and t_ns - self._escape_ns > ESCAPE_S * 1e9:
+        if self._escape and t_ns - self._escape_ns > ESCAPE_S * 1e9:
             self._escape = b""
             out += self._press(b"\x1b", t_ns)
         for byte in data:
@@ -106,12 +108,15 @@ class Keyboard:
                 return []
             self._escape = b""
             return self._press(b"\x1b", t_ns) + self._press(bytes([byte]), t_ns)
-        if 0x40 <= byte <= 0x7E:
-            plain, self._escape = len(self._escape) == 2, b""
-            key = _ARROWS.get(bytes([byte])) if plain else None
-            return self._press(key, t_ns) if key else []
-        self._escape += bytes([byte])
-        return []
+        plain = len(self._escape) == 2
+        if byte in _PARAMETERS or (plain and byte == _FUNCTION_KEY):
+            self._escape += bytes([byte])
+            return []
+        self._escape = b""
+        if not 0x40 <= byte <= 0x7E:  # no key's sequence goes on like that
+            return self._press(bytes([byte]), t_ns)
+        key = _ARROWS.get(bytes([byte])) if plain else None
+        return self._press(key, t_ns) if key else []
 
     def _press(self, key: bytes, t_ns: int) -> list[Command]:
         key = key.lower()

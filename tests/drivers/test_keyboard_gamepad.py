@@ -143,6 +143,24 @@ def test_escape_alone_stops_and_an_arrow_does_not():
     assert Keyboard().feed(b"\x1b ", 0) == ["stop", "stop"], "Esc, then space"
 
 
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=6), st.sampled_from([b" ", b"x"]))
+def test_a_stop_key_stops_whatever_was_typed_before(typed, key):
+    """Alt-[ begins what an arrow key begins, and a bad line may lose the end of one."""
+    board = Keyboard()
+    board.feed(typed, 0)
+    assert "stop" in board.feed(key, 100 * MS) and board.shares(101 * MS) == NEUTRAL
+    board.feed(b"\x1b[", 200 * MS)
+    assert board.feed(b" ", 201 * MS) == ["stop"], "no key's sequence goes on with a space"
+
+
+@pytest.mark.parametrize("key", [b"\x1b[[A", b"\x1b[[E", b"\x1bOP", b"\x1b[15~", b"\x1b[1;5A", b"\x1b[H"])
+def test_other_keys_of_the_top_rows_move_nothing(key):
+    """F1 and F5 on a Linux console, F1 and F5 of xterm, Ctrl with an arrow, Home."""
+    board = Keyboard()
+    assert board.feed(key, 0) == [] and board.shares(1) == NEUTRAL
+
+
 def test_commands_in_order():
     assert Keyboard().feed(b"rghpm\x03", 0) == ["drive", "start", "hold", "excite", "mark", "quit"]
 

@@ -100,11 +100,9 @@ class RosMessages:
         x, y, _ = map_from_site(self._turn) @ (north_m, east_m, 0.0)
         return ros.geometry_msgs__msg__Point(float(x), float(y), up_m)
 
-    def _orientation(self, phi: float, theta: float, psi: float) -> Any:
-        return ros.geometry_msgs__msg__Quaternion(*orientation(phi, theta, psi + self._turn))
-
     def _pose(self, north_m: float, east_m: float, psi_rad: float) -> Any:
-        return ros.geometry_msgs__msg__Pose(self._point(north_m, east_m), self._orientation(0.0, 0.0, psi_rad))
+        turned = ros.geometry_msgs__msg__Quaternion(*orientation(0.0, 0.0, psi_rad + self._turn))
+        return ros.geometry_msgs__msg__Pose(self._point(north_m, east_m), turned)
 
     def _pose_stamped(self, t_ns: int, north_m: float, east_m: float, psi_rad: float) -> Any:
         return ros.geometry_msgs__msg__PoseStamped(self._header(t_ns, MAP), self._pose(north_m, east_m, psi_rad))
@@ -123,9 +121,11 @@ class RosMessages:
         yield "/imu/data_raw", _imu(head, nowhere, NOT_MEASURED, rates, force, UNKNOWN)
 
     def _attitude(self, m: Attitude) -> Told:
+        """The autopilot's heading is from true north already, not from the site's first axis."""
         if not math.isfinite(m.psi_rad):
             return
-        rates, turned = flu((m.p_rad_s, m.q_rad_s, m.r_rad_s)), self._orientation(m.phi_rad, m.theta_rad, m.psi_rad)
+        turned = ros.geometry_msgs__msg__Quaternion(*orientation(m.phi_rad, m.theta_rad, m.psi_rad))
+        rates = flu((m.p_rad_s, m.q_rad_s, m.r_rad_s))
         yield "/attitude", _imu(self._header(m.t_ns, BODY), turned, UNKNOWN, rates, (0.0,) * 3, NOT_MEASURED)
 
     def _estimate(self, m: StateEstimate) -> Told:

@@ -1,7 +1,8 @@
-"""Reader of ArduPilot dataflash logs (.BIN): RCOU, PARM, IMU, ATT, BAT, and positions of BCN, GPS or a UWB log beside.
+"""Reader of ArduPilot dataflash logs (.BIN): RCOU to RCO3, PARM, IMU, ATT, BAT, BCN, GPS, or a UWB log beside.
 
 The clock is the autopilot's, since boot. A UWB log is stamped by its host; the two clocks are related by the Unix time
-in GPS messages (GPS week and ms), or by an offset from the caller. Which output drives which thruster: `outputs`.
+in GPS messages (GPS week and ms; the median over those with a fix), or by an offset from the caller. Which output
+drives which thruster: `outputs`.
 Source: https://ardupilot.org/rover/docs/logmessages.html
 """
 
@@ -11,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import radians
 from pathlib import Path
+from statistics import median_low
 from typing import Any
 
 import numpy as np
@@ -28,7 +30,9 @@ from companion.logs.readers.uwb import UwbLog
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
 _MAGIC = b"\xa3\x95"
-_KINDS = ("RCOU", "IMU", "ATT", "BAT", "BCN", "GPS", "PARM")
+_OUTPUTS = {1: "RCOU", 15: "RCO2", 19: "RCO3"}
+"""Records of outputs, by the first output in them."""
+_KINDS = (*_OUTPUTS.values(), "IMU", "ATT", "BAT", "BCN", "GPS", "PARM")
 _GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix seconds
 LEAP_S = 18
 """GPS time minus UTC since 2017 (IERS Bulletin C)."""
@@ -55,10 +59,11 @@ def read_dataflash_run(
         raise
     except Exception as error:  # pymavlink raises a plain Exception, struct's and index errors on damaged formats
         raise RunError(f"{path}: cannot be read as a dataflash log, its format records are damaged: {error}") from None
-    if not rows["RCOU"]:
+    outputs = {first: rows[kind] for first, kind in _OUTPUTS.items()}
+    if not any(outputs.values()):
         raise RunError(f"{path}: no servo outputs (RCOU) in it")
     parameters = {name: value for _, name, value in rows["PARM"]}
-    commands, which = output_stream(rows["RCOU"], vessel, parameters, notes)
+    commands, which = output_stream(outputs, vessel, parameters, notes)
     streams = [
         commands,
         imu_stream(rows["IMU"]),
@@ -109,13 +114,14 @@ def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple
     `notes`.
     """
     rows: dict[str, list[tuple[Any, ...]]] = {kind: [] for kind in _KINDS}
-    unix_ns, damaged = None, 0
+    clocks: dict[bool, list[int]] = {True: [], False: []}  # with a fix, and without: the week may be a guess then
+    damaged = 0
     with DFReader.DFReader_binary(str(path)) as log:
         while (m := log.recv_match(type=list(_KINDS))) is not None:
             kind = m.get_type()
             try:
                 row, t_us = _DECODE[kind](m), m.TimeUS
-                gps = (m.GWk, m.GMS) if kind == "GPS" else (0, 0)
+                week, ms, status = (m.GWk, m.GMS, m.Status) if kind == "GPS" else (0, 0, 0)
             except (AttributeError, TypeError):  # a damaged format record gives its type other columns
                 damaged += 1
                 continue
@@ -124,12 +130,13 @@ def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple
                 continue
             if row is not None:
                 rows[kind].append((t_us * 1000, *row))
-            if gps[0] and unix_ns is None:
-                week_ns = (_GPS_EPOCH_S - LEAP_S + gps[0] * _WEEK_S) * 1_000_000_000
-                unix_ns = week_ns + gps[1] * 1_000_000 - t_us * 1000
+            if week:
+                week_ns = (_GPS_EPOCH_S - LEAP_S + week * _WEEK_S) * 1_000_000_000
+                clocks[status >= _FIX_3D].append(week_ns + ms * 1_000_000 - t_us * 1000)
     if damaged:
         notes.append(LogProblem(kind="damaged", text=f"{damaged} damaged records are left out"))
-    return rows, unix_ns
+    known = clocks[True] or clocks[False]
+    return rows, median_low(known) if known else None
 
 
 def _beacon(rows: list[tuple[float, ...]], site: Site | None) -> Stream:
@@ -146,7 +153,9 @@ def _bcn(m: Any) -> tuple[float, ...] | None:
 
 
 _DECODE: dict[str, Callable[[Any], tuple[Any, ...] | None]] = {
-    "RCOU": lambda m: tuple(getattr(m, name) for name in m.get_fieldnames() if name.startswith("C")),
+    **dict.fromkeys(
+        _OUTPUTS.values(), lambda m: tuple(getattr(m, name) for name in m.get_fieldnames() if name.startswith("C"))
+    ),
     "IMU": lambda m: (m.GyrZ, m.AccX, m.AccY) if getattr(m, "I", 0) == 0 else None,
     "ATT": lambda m: (radians(m.Yaw), radians(m.Roll), radians(m.Pitch)),
     "BAT": lambda m: (m.Volt,) if getattr(m, "Instance", getattr(m, "Inst", 0)) == 0 else None,

@@ -10,8 +10,9 @@ meanwhile, the least delay changes for good from one record to the next: that is
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from itertools import chain
+import itertools
+from collections import Counter, defaultdict
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,9 @@ MOST_DRIFT = 5e-4
 """Largest drift of two clocks; crystals keep 1e-4 and better. Assumed."""
 STEP_S, BIN_S = 0.3, 10.0
 """A least delay over `BIN_S` that changes by more than `STEP_S` for good is a clock that was set; assumed."""
+SET_S = 1800.0
+"""A delay that changes by more from one record to the next is a clock that was set, from 1970 to now for example: no
+link holds a record up for so long. Assumed."""
 WRAP_S = 60.0
 """A stamp that wrapped agrees with the host's clock to so much; else the autopilot was started anew. Assumed."""
 
@@ -41,28 +45,59 @@ class Arrival(NamedTuple):
         return STAMPS.get(self.message.get_type(), ("", 0, None))[2] or 0
 
 
-def longest_boot(arrivals: Iterable[Arrival], notes: list[LogProblem]) -> list[Arrival]:
+def longest_boot(arrivals: Sequence[Arrival], notes: list[LogProblem]) -> list[Arrival]:
     """Those of the boot with the most servo outputs, and a note of what that leaves out; parameters of all come first.
 
-    A stamp that goes back, and has not wrapped, is of another boot.
+    A stamp that goes back, and has not wrapped, is of another boot, or of a slower link to the same autopilot.
     """
-    boots: list[list[Arrival]] = [[]]
-    last: dict[str, Arrival] = {}
-    for one in arrivals:
-        name = one.message.get_type()
-        if name in last and _went_back(last[name], one):
-            boots.append([])
-            last.clear()
-        if one.device_ns >= 0:
-            last[name] = one
-        boots[-1].append(one)
+    late, begins = _gone_back(arrivals)
+    if late:
+        text = f"{len(late)} records came more than {BACK_NS / 1e9:g} s after later ones, as by a second link: left out"
+        notes.append(LogProblem(kind="out of order", text=text))
+    bounds = [0, *sorted(begins), len(arrivals)]
+    boots = [[arrivals[k] for k in range(first, end) if k not in late] for first, end in itertools.pairwise(bounds)]
     if len(boots) == 1:
         return boots[0]
     kept = max(boots, key=lambda boot: sum(one.message.get_type() == "SERVO_OUTPUT_RAW" for one in boot))
     left_out = sum(map(len, boots)) - len(kept)
     text = f"the autopilot was started anew {len(boots) - 1} times; {left_out} records of its other boots are left out"
     notes.append(LogProblem(kind="clock jump", text=text))
-    return [*(one for one in chain(*boots) if one.message.get_type() == "PARAM_VALUE"), *kept]
+    return [*(one for one in itertools.chain(*boots) if one.message.get_type() == "PARAM_VALUE"), *kept]
+
+
+def _gone_back(arrivals: Sequence[Arrival]) -> tuple[set[int], set[int]]:
+    """Places of records that came late, and of the first ones of further boots.
+
+    After a boot, stamps need as long as they went back by to be where they were; those of a quicker link are at once.
+    What is as far behind as what was late is late, too: at the end of a log nothing quicker follows.
+    """
+    late, begins, behind_ns = set[int](), set[int](), -1
+    last: dict[str, Arrival] = {}
+    of_type: dict[str, list[Arrival]] = defaultdict(list)
+    for one in arrivals:
+        of_type[one.message.get_type()].append(one)
+    nth = Counter[str]()
+    for k, one in enumerate(arrivals):
+        name = one.message.get_type()
+        nth[name] += 1
+        if name in last and _went_back(before := last[name], one):
+            offset_ns = one.t_rx_ns - one.device_ns
+            if (late and abs(offset_ns - behind_ns) < BACK_NS) or _is_passed(before, one, of_type[name], nth[name]):
+                behind_ns = offset_ns
+                late.add(k)
+                continue
+            begins.add(k)
+            last.clear()
+        if one.device_ns >= 0:
+            last[name] = one
+    return late, begins
+
+
+def _is_passed(before: Arrival, one: Arrival, of_type: Sequence[Arrival], first: int) -> bool:
+    """Whether of those of its type from `first` on one has a stamp like `before`'s, sooner than `one` could have it."""
+    until_ns = one.t_rx_ns + (before.device_ns - one.device_ns) // 2
+    soon = itertools.takewhile(lambda later: later.t_rx_ns < until_ns, itertools.islice(of_type, first, None))
+    return any(later.device_ns >= before.device_ns for later in soon)
 
 
 def _went_back(before: Arrival, now: Arrival) -> bool:
@@ -85,8 +120,10 @@ def host_stamps(arrivals: list[Arrival], notes: list[LogProblem]) -> list[int]:
         device_ns[mine] = own_ns + wrap_ns * round(float(np.median(rx_ns[mine] - own_ns - offset_ns)) / wrap_ns)
     since_ns, zero_ns = device_ns - device_ns[at[0]], rx_ns[at[0]]
     t_s, delay_s = since_ns[at] / 1e9, (rx_ns - zero_ns - since_ns)[at] / 1e9
-    # 2. Steps of the host's clock; its time is what it showed at most records.
-    steps_s = _steps(t_s, delay_s)
+    # 2. Steps of the host's clock, large and small; its time is what it showed at most records.
+    larger_s = np.diff(delay_s, prepend=delay_s[0])
+    set_s = np.where(np.abs(larger_s) > SET_S, larger_s, 0.0).cumsum()
+    steps_s = set_s + _steps(t_s, delay_s - set_s)
     if len(changes := np.flatnonzero(np.diff(steps_s)) + 1):
         sizes = ", ".join(f"{steps_s[k] - steps_s[k - 1]:+.2f} s after {t_s[k]:.0f} s" for k in changes[:5])
         text = (

@@ -20,6 +20,8 @@ from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 BACK_NS = 1_000_000_000
 """A stamp that goes back by more than this is a clock that was set, not a packet that was late (assumed)."""
 NEAR_NS = 1_000_000
+STRAY_NS = 10_000_000_000
+"""A last sample so long after everything else in the log is a damaged stamp, or of no use (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ def join(streams: Sequence[Stream], meta: RunMeta) -> Run:
     for column in dict.fromkeys(name for s in kept for name in s.columns):
         if len(names := [s.name for s in kept if column in s.columns]) > 1:
             raise RunError(f"{meta.source}: {column}: of {' and of '.join(names)}; expected one source")
+    kept = _without_stray_ends(kept, notes)
     proper = [s for s in kept if not s.outside]
     zero_ns, end_ns = min(int(s.t_ns[0]) for s in proper), max(int(s.t_ns[-1]) for s in proper)
     kept = [_cut(s, zero_ns, end_ns, notes) for s in kept]
@@ -149,7 +152,23 @@ def _isolated(t_ns: np.ndarray) -> np.ndarray:
     if len(t):
         goes_on = after - before >= np.median(np.diff(t_ns))
         found[1:-1] = goes_on & ((t < before - BACK_NS) | (t > after + BACK_NS))
+        found[0] = t_ns[0] > t_ns[1] + BACK_NS and t_ns[2] > t_ns[1]  # nothing is before it
     return found
+
+
+def _without_stray_ends(streams: list[Stream], notes: list[tuple[int, LogProblem]]) -> list[Stream]:
+    """Streams without a last sample that stands `STRAY_NS` after all others, their own included; told in `notes`."""
+    out = []
+    for k, s in enumerate(streams):
+        others = [int(o.t_ns[-1]) for o in (*streams[:k], *streams[k + 1 :]) if not o.outside]
+        last_ns = max([*others, *s.t_ns[-2:-1].tolist()], default=0)
+        away_ns = int(s.t_ns[-1]) - last_ns
+        is_stray = bool(others) and not s.outside and away_ns > STRAY_NS
+        if is_stray:
+            text = f"{s.name}: the last sample, {away_ns / 1e9:g} s after everything else, is left out"
+            notes.append((last_ns, LogProblem(kind="damaged", text=text, t_s=0.0, length_s=0.0)))
+        out.append(s.only(np.arange(len(s.t_ns)) < len(s.t_ns) - is_stray))
+    return [s for s in out if len(s.t_ns)]
 
 
 def _cut(s: Stream, zero_ns: int, end_ns: int, notes: list[tuple[int, LogProblem]]) -> Stream:

@@ -21,6 +21,8 @@ from companion.core.preflight.wiring import Companion, wiring
 from companion.logs.readers.join import Stream
 from companion.logs.runs.run import LogProblem
 
+TOGETHER_NS = 50_000_000
+"""Half a step of records at 10 Hz, in which ArduPilot logs its outputs at the least; assumed."""
 _FUNCTION = re.compile(r"SERVO(\d+)_FUNCTION")
 _PASSED_ON = 50  # function of RC channel 0, of which there is none; to channel 16
 _THROTTLE_LEFT, _THROTTLE_RIGHT = 73, 74
@@ -58,19 +60,18 @@ def carriers(channels: Sequence[int], parameters: Mapping[str, float]) -> dict[i
 
 
 def output_stream(
-    rows: Sequence[tuple[float, ...]],
+    groups: Mapping[int, Sequence[tuple[float, ...]]],
     vessel: VesselFile | None,
     parameters: Mapping[str, float],
     notes: list[LogProblem],
 ) -> tuple[Stream, str]:
-    """Rows (t_ns, pulse width of each output [us]) as commands, and a text: which output drives which thruster.
+    """Pulses as commands, and a text: which output drives which thruster. `groups`: number of a group's first output ->
+    rows (t_ns, pulse width of each of its outputs [us]), as records hold them; one group at least has rows.
 
     Without a vessel file: out1.. of those that ever had a pulse. No pulse (0) becomes neutral, because the speed
-    controller then stops its motor; a note is added to `notes`.
+    controller then stops its motor; a note is added to `notes`. An output that was not logged is unknown (NaN).
     """
-    table = np.array(rows, dtype=float)
-    t_ns = np.array([row[0] for row in rows], dtype=np.int64)
-    pulses = table[:, 1:]
+    t_ns, pulses = _together(groups)
     if vessel:
         picked, how = outputs_of(vessel, parameters)
         text = ", ".join(f"{name} output {n}" for name, n in picked.items()) + f" ({how})"
@@ -79,10 +80,29 @@ def output_stream(
         text = "by number of the output"
     columns = {}
     for name, n in picked.items():
-        pwm_us = pulses[:, n - 1] if n <= pulses.shape[1] else np.zeros(len(pulses))
+        pwm_us = pulses[:, n - 1] if n <= pulses.shape[1] else np.full(len(pulses), np.nan)
         dead = pwm_us == 0
         if dead.any():
             lost = f"pwm_{name}: output {n} had no pulse in {int(dead.sum())} of {len(dead)} records: neutral"
             notes.append(LogProblem(kind="no pulse", text=lost))
         columns[f"pwm_{name}"] = np.where(dead, float(NEUTRAL_US), pwm_us)
     return Stream("outputs", t_ns, columns, held=True), text
+
+
+def _together(groups: Mapping[int, Sequence[tuple[float, ...]]]) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps (n,) [ns] of the group with the most rows, and pulses (n, outputs) at them.
+
+    Of other groups the nearest rows, which are logged at once with them; NaN where there is none within `TOGETHER_NS`.
+    """
+    stamps = {first: np.array([row[0] for row in rows], dtype=np.int64) for first, rows in groups.items() if rows}
+    t_ns = max(stamps.values(), key=len)
+    pulses = np.full((len(t_ns), max(first + len(groups[first][0]) - 2 for first in stamps)), np.nan)
+    for first, own_ns in stamps.items():
+        order = np.argsort(own_ns, kind="stable")
+        after = np.clip(np.searchsorted(own_ns, t_ns, sorter=order), 0, len(own_ns) - 1)
+        after, before = order[after], order[np.maximum(after - 1, 0)]
+        nearest = np.where(np.abs(own_ns[after] - t_ns) <= np.abs(own_ns[before] - t_ns), after, before)
+        table = np.array([row[1:] for row in groups[first]], dtype=float)[nearest]
+        table[np.abs(own_ns[nearest] - t_ns) > TOGETHER_NS] = np.nan
+        pulses[:, first - 1 : first - 1 + table.shape[1]] = table
+    return t_ns, pulses

@@ -36,7 +36,9 @@ _WANTED = frozenset(
 )
 _HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _V2, _STAMP_LEN = 0xFD, 8
+_OUTPUTS = 16  # in one SERVO_OUTPUT_RAW; `port` 1 has those from 17 on
 _YEAR_US = 31_557_600_000_000
+_LAST_US = 2**63 // 1000 - 1  # what fits into int64 nanoseconds
 _SLOW_S = 0.125  # outputs slower than 8 Hz hide what happened between them; assumed
 
 
@@ -44,15 +46,18 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
     """Run of a telemetry log. Raises RunError naming the file, OSError."""
     log = _Records(path)
     notes: list[LogProblem] = []
-    arrivals = longest_boot((Arrival(t_ns, _device_ns(m), m) for t_ns, m in log.of_autopilot()), notes)
+    arrivals = longest_boot([Arrival(t_ns, _device_ns(m), m) for t_ns, m in log.of_autopilot()], notes)
     notes = log.notes() + notes
     rows: dict[str, list[tuple[int, int, Any]]] = defaultdict(list)
     if not any(one.message.get_type() == "SERVO_OUTPUT_RAW" for one in arrivals):
         raise RunError(f"{path}: no servo outputs (SERVO_OUTPUT_RAW) in it")
     for t_ns, (t_rx_ns, _, m) in zip(host_stamps(arrivals, notes), arrivals, strict=True):
         rows[m.get_type()].append((t_ns, t_rx_ns, m))
-    outputs = [(t_ns, *pulses(m, "servo{}_raw", 16)) for t_ns, _, m in rows["SERVO_OUTPUT_RAW"] if m.port == 0]
-    period_s = float(np.median(np.diff([row[0] for row in outputs]))) / 1e9 if len(outputs) > 1 else np.inf
+    outputs: dict[int, list[tuple[float, ...]]] = defaultdict(list)  # by the first output in them
+    for t_ns, _, m in rows["SERVO_OUTPUT_RAW"]:
+        outputs[_OUTPUTS * m.port + 1].append((t_ns, *pulses(m, "servo{}_raw", _OUTPUTS)))
+    stamps_ns = [row[0] for row in max(outputs.values(), key=len)]
+    period_s = float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else np.inf
     if period_s > _SLOW_S:
         text = f"servo outputs every {period_s:.2f} s only: what was commanded between them is not known"
         notes.append(LogProblem(kind="coarse commands", text=text))
@@ -91,10 +96,13 @@ class _Records:
         self._path, self._data = path, path.read_bytes()
         self._mav = dialect.MAVLink(None)
         self.skipped, self.broken = 0, Counter[str]()
+        self.autopilots: list[bytes] = []
 
     def of_autopilot(self) -> Iterator[tuple[int, Any]]:
         """Arrival [ns] and message, from the first autopilot that sends a heartbeat."""
-        target = next((sender for _, sender, m in self._decoded(frozenset({_HEARTBEAT})) if is_autopilot(m)), None)
+        heartbeats = self._decoded(frozenset({_HEARTBEAT}))
+        self.autopilots = list(dict.fromkeys(sender for _, sender, m in heartbeats if is_autopilot(m)))
+        target = next(iter(self.autopilots), None)
         self.skipped = 0
         self.broken.clear()
         for t_us, sender, m in self._decoded(_WANTED):
@@ -115,8 +123,12 @@ class _Records:
                 self.broken[f"message {ident}"] += 1
 
     def notes(self) -> list[LogProblem]:
-        """Notes on bytes that were skipped and on damaged frames."""
+        """Notes on bytes that were skipped, on damaged frames, and on autopilots that were left out."""
         notes = []
+        if len(self.autopilots) > 1:
+            first, *others = (f"system {system} component {component}" for system, component in self.autopilots)
+            text = f"{self._path.name}: of several autopilots the first is read, {first}; left out: {', '.join(others)}"
+            notes.append(LogProblem(kind="another boat", text=text))
         if self.skipped:
             notes.append(LogProblem(kind="damaged", text=f"{self._path.name}: {self.skipped} bytes passed over"))
         if self.broken:
@@ -126,23 +138,32 @@ class _Records:
 
     def _frames(self) -> Iterator[tuple[int, int, int]]:
         """Stamp [us], begin and end of every frame; after damage it continues at the next plausible record."""
-        data, at, first_us = self._data, 0, None
+        data, at, last_us = self._data, 0, None
         if len(data) < _STAMP_LEN + 1 or not _MARKER.match(data, _STAMP_LEN):
             raise RunError(f"{self._path}: not a telemetry log: no MAVLink frame after the first stamp")
         while at + _STAMP_LEN + 8 <= len(data):
             (t_us,) = struct.unpack_from(">Q", data, at)
             begin = at + _STAMP_LEN
             end = begin + _frame_length(data, begin)
-            first_us = t_us if first_us is None else first_us
-            if end > begin and end <= len(data) and abs(t_us - first_us) < _YEAR_US:
+            if end > begin and end <= len(data) and self._is_stamp(t_us, last_us, end):
                 yield t_us, begin, end
-                at = end
+                at, last_us = end, t_us
                 continue
             marker = _MARKER.search(data, begin + 1)
             following = marker.start() - _STAMP_LEN if marker else len(data)
             self.skipped += following - at
             at = following
         self.skipped += max(len(data) - at, 0)
+
+    def _is_stamp(self, t_us: int, last_us: int | None, end: int) -> bool:
+        """Whether a stamp is within a year of the record before or of the one at `end`.
+
+        A clock that was set from 1970 to now agrees with what follows, a flipped bit with neither.
+        """
+        beside_us = [last_us] if last_us is not None else []
+        if _MARKER.match(self._data, end + _STAMP_LEN):
+            beside_us += struct.unpack_from(">Q", self._data, end)
+        return t_us <= _LAST_US and (not beside_us or min(abs(t_us - other) for other in beside_us) < _YEAR_US)
 
 
 def _frame_length(data: bytes, at: int) -> int:

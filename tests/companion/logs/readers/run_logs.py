@@ -88,6 +88,7 @@ _FORMATS = {  # name -> (id, format characters, struct codes, columns)
     "ATT": (131, "Qccc", "<Q3h", "TimeUS,Roll,Pitch,Yaw"),
     "BAT": (132, "QBf", "<QBf", "TimeUS,Instance,Volt"),
     "GPS": (133, "QBBIHLL", "<QBBIHii", "TimeUS,I,Status,GMS,GWk,Lat,Lng"),
+    "RCO2": (136, "QHHHH", "<Q4H", "TimeUS,C15,C16,C17,C18"),
     "PARM": (135, "QNf", "<Q16sf", "TimeUS,Name,Value"),
     "BCN": (134, "QBBfffffff", "<QBB7f", "TimeUS,Health,Cnt,D0,D1,D2,D3,PosX,PosY,PosZ"),
 }

@@ -103,6 +103,25 @@ def test_outputs_take_the_vessels_names_and_no_pulse_is_told_as_neutral(tmp_path
     assert run.samples("battery_v")[1][0] == 15.5
 
 
+@pytest.mark.parametrize("is_logged", [True, False])
+def test_outputs_beyond_the_fourteenth_are_read_or_unknown_but_never_neutral(tmp_path, is_logged):
+    """ArduPilot logs outputs 15 to 18 in records of their own."""
+    log = [("PARM", BOOT_US, f"SERVO{13 + k}_FUNCTION".encode(), 59.0 + k) for k in range(4)]
+    for record in records():
+        log.append(record)
+        if record[0] == "RCOU" and is_logged:
+            log.append(("RCO2", record[1] + 40, record[2] + 100, 1300, 0, 0))
+    (tmp_path / "made.BIN").write_bytes(dataflash(log))
+    run = read_run(tmp_path / "made.BIN", ReadOptions(vessel=boat("aritra")))
+    assert "rear_port output 15, rear_starboard output 16 (by SERVOn_FUNCTION)" in run.meta.columns["pwm"]
+    if is_logged:
+        pwm_us = [r[2] + 100.0 for r in log if r[0] == "RCOU"]
+        assert run.commands()[1][:, 2:].tolist() == [[us, 1300.0] for us in pwm_us]
+    else:
+        assert not run.known("pwm_rear_port") and not run.known("pwm_rear_starboard")
+        assert "pwm_rear_port: no commands" in {p.text for p in problems(run)}
+
+
 def test_headings_are_in_site_axes_as_positions_are(tmp_path):
     path = written(tmp_path)
     turned = msgspec.structs.replace(SITE, rotation_deg=30.0)
@@ -179,6 +198,20 @@ def test_a_uwb_log_is_joined_by_gps_time_or_by_a_stated_offset(tmp_path):
     assert "missing" in {p.kind for p in wrong.meta.notes}
     with pytest.raises(RunError, match=r"uwb\.txt: its wire format is not known"):
         read_run(blind, ReadOptions(uwb=beside.uwb, uwb_offset_s=0.0))
+
+
+def test_neither_a_late_gps_record_nor_one_without_a_fix_moves_the_uwb_log(tmp_path):
+    """The first one 0.9 s late, as after a busy start; another before it without a fix, which may have any week."""
+    log = list(records(gps=True))
+    at = next(k for k, r in enumerate(log) if r[0] == "GPS")
+    name, t_us, receiver, _, gms, week, *place = log[at]
+    log[at : at + 1] = [
+        (name, t_us, receiver, 1, gms, 1000, 0, 0),
+        (name, t_us + 900_000, receiver, 3, gms, week, *place),
+    ]
+    (tmp_path / "made.BIN").write_bytes(dataflash(log))
+    run = read_run(tmp_path / "made.BIN", ReadOptions(uwb=uwb_lines(tmp_path / "uwb.txt"), uwb_format="dwm1001-lep"))
+    assert run.samples("north_m")[0] == pytest.approx([k / 10 for k in range(30) if k != 4], abs=1e-6)
 
 
 def test_text_stamps_may_be_iso_and_a_log_without_stamps_is_refused(tmp_path):

@@ -108,6 +108,20 @@ def test_one_damaged_stamp_costs_one_sample(off_ms):
     assert run.duration_s == pytest.approx(1.98)
 
 
+@pytest.mark.parametrize("at", [0, 99])
+@pytest.mark.parametrize("which", ["IMU", "commands"])
+def test_a_damaged_stamp_at_either_end_costs_one_sample(at, which):
+    """So ends a log whose power was cut; it would be months long, or empty but for its first sample."""
+    t_ms, damaged_ms = [20 * k for k in range(100)], [20 * k + 17_592_186_044 * (k == at) for k in range(100)]
+    streams = {name: damaged_ms if name == which else t_ms for name in ("IMU", "commands")}
+    run = join([imu(streams["IMU"]), commands(streams["commands"], 1500.0 + np.arange(100))], RunMeta())
+    assert run.duration_s == pytest.approx(1.98)
+    (note,) = run.meta.notes
+    assert note.kind == "damaged" and f"{which}: " in note.text and "left out" in note.text
+    left = [k for k in range(100) if k != at] if which == "IMU" else list(range(100))
+    assert run.samples("r_rad_s")[1].tolist() == [k / 100 for k in left]
+
+
 def test_a_slow_stream_whose_clock_is_set_back_by_less_than_two_samples_ends_there():
     run = join([imu([0, 4000, 8000, 12000, 9500, 13500, 17500]), commands()], RunMeta())
     assert run.samples("r_rad_s")[0].tolist() == [0.0, 4.0, 8.0, 12.0]

@@ -137,6 +137,52 @@ def test_a_ground_stations_clock_that_is_set_does_not_stretch_time(tmp_path, ste
     assert float(note.text.partition("(")[2].partition(" s after")[0]) == pytest.approx(steps[0][1], abs=0.02)
 
 
+@pytest.mark.parametrize("at_s", [3.0, 197.0])
+def test_a_clock_that_is_set_from_1970_to_now_costs_nothing(tmp_path, at_s):
+    """A computer without a clock of its own finds the time soon after its start, or at the end of a dive."""
+    boat = Autopilot(200.0, jitter_s=0.02)
+    boat.records = [(t - UNIX_US * (t - UNIX_US < at_s * 1e6), frame) for t, frame in boat.records]
+    path = boat.write(tmp_path / "a.tlog")
+    run = read_run(path)
+    assert len(run.samples("psi_rad")[0]) == 4000 and len(run.samples("north_m")[0]) == 200
+    assert run.duration_s == pytest.approx(199.95, abs=0.1)
+    (note,) = run.meta.notes
+    assert note.kind == "clock jump" and "was set 1 times" in note.text
+
+
+@pytest.mark.parametrize("bit", [46, 55, 63])
+@pytest.mark.parametrize("at", [0, 500, -1])
+def test_a_damaged_stamp_costs_its_record(tmp_path, bit, at):
+    boat = Autopilot(20.0)
+    t_us, frame = boat.records[at]
+    boat.records[at] = (t_us ^ 1 << bit, frame)
+    run = read_run(boat.write(tmp_path / "a.tlog"))
+    assert run.duration_s == pytest.approx(19.95, abs=0.06) and len(run.samples("psi_rad")[0]) >= 399
+    (note,) = run.meta.notes
+    assert note.text == f"a.tlog: {len(frame) + 8} bytes passed over"
+
+
+def test_of_two_links_to_one_autopilot_the_quicker_is_read(tmp_path):
+    """A radio 1.5 s slower than the cable beside it: no second boot, and nothing of the quicker one is lost."""
+    boat = Autopilot(60.0)
+    boat.records = sorted(boat.records + [(t + 1_500_000, f) for t, f in boat.records], key=lambda record: record[0])
+    path = boat.write(tmp_path / "a.tlog")
+    run = read_run(path)
+    assert len(run.samples("psi_rad")[0]) == 1200 and np.abs(stamp_errors(path)).max() < 0.01
+    assert "clock jump" not in grouped(run.meta.notes)
+    assert "as by a second link: left out" in grouped(run.meta.notes)["out of order"][0].text
+
+
+def test_of_two_boats_in_one_log_the_one_that_is_left_out_is_named(tmp_path):
+    boat, other = Autopilot(20.0), dialect.MAVLink(None, srcSystem=7, srcComponent=1)
+    boat.put(other.heartbeat_encode(11, 3, 193, 0, 4), other)
+    boat.put(other.attitude_encode(1, 9.0, 9.0, 9.0, 0, 0, 0), other)
+    run = read_run(boat.write(tmp_path / "a.tlog"))
+    (note,) = grouped(run.meta.notes)["another boat"]
+    assert "the first is read, system 1 component 1; left out: system 7 component 1" in note.text
+    assert run.samples("phi_rad")[1].max() < 0.02
+
+
 def test_a_link_that_is_slow_for_a_while_is_no_clock_that_was_set(tmp_path):
     boat = Autopilot(200.0, jitter_s=0.02)
     slow = [60e6 < t - UNIX_US < 140e6 for t, _ in boat.records]

@@ -38,7 +38,7 @@ _DEBUG = re.compile(
     r"(?:\s+RX power: ?(?:(-\d{1,3}\.\d{1,2})|\d+\.\d+|nan|-?inf) dBm)"
 )
 _ID = re.compile(r"[0-9A-F]{1,4}")
-_METRES = re.compile(r"\d{1,4}\.\d")
+_METRES = re.compile(r"-?\d{1,4}\.\d")
 
 
 class _Link(msgspec.Struct, forbid_unknown_fields=True):

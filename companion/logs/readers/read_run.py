@@ -37,7 +37,10 @@ class ReadOptions:
 def read_run(path: Path, beside: ReadOptions | None = None) -> Run:
     """The run in `path`. Raises RunError or LogError naming file and place in it, OSError."""
     options = beside or ReadOptions()
-    kind = path.name.lower().removesuffix(".gz").rpartition(".")[2]
+    name = path.name.lower()
+    kind = name.removesuffix(".gz").rpartition(".")[2]
+    if name.endswith(".gz") and kind != "csv":
+        raise RunError(f"{path}: is compressed, which only .csv.gz may be: unpack it with gunzip")
     if options.truth and kind != "mcap":
         raise RunError(f"{path}: a log with the truth goes with a .mcap log only")
     if options.uwb and kind not in ("bin", "tlog"):

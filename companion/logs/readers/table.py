@@ -85,7 +85,7 @@ def read_csv(path: Path) -> Run:
 
 def csv_lines(path: Path) -> list[bytes]:
     """Lines of a text file, unpacked where its name ends in .gz, without line ends and blank lines at the end."""
-    if path.suffix == ".gz":
+    if path.suffix.lower() == ".gz":
         most = most_bytes(path.stat().st_size)
         try:
             with gzip.open(path) as file:

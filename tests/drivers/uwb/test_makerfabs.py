@@ -68,6 +68,9 @@ def test_infinite_power_and_negative_ranges_do_not_break_the_line():
     ((_, ranges),) = found(codec.feed(encode_links({}), 0))
     assert ranges == {"82": 1.0}
     assert codec.counters.reasons == {"range_limit": 1}
+    codec = MakerfabsCodec(tag="t")
+    assert found(codec.feed(encode_links({"82": 1.0, "83": -0.1, "84": 2.5}), 0)) == [(0, {"82": 1.0, "84": 2.5})]
+    assert codec.counters.reasons == {"range_limit": 1}
 
 
 def test_other_text_is_ignored_and_half_lines_are_garbage():

@@ -170,6 +170,8 @@ def test_other_files_are_refused_with_their_name(tmp_path):
         ("a.parquet", b"no", r"a\.parquet: not a Parquet file"),
         ("a.csv", b"", r"a\.csv: line 1: no header"),
         ("a.csv.gz", b"no", r"a\.csv\.gz: cannot be unpacked"),
+        ("A.CSV.GZ", b"no", r"A\.CSV\.GZ: cannot be unpacked"),
+        ("a.tlog.gz", b"\x1f\x8b", r"a\.tlog\.gz: is compressed, which only \.csv\.gz may be: unpack it"),
         ("a.csv", b"# aritra_run = 2\nt_s\n", r"a\.csv: line 2: column battery_v"),
         ("a.csv", b"# vessel = oops\nt_s\n", r"a\.csv: line 1: vessel: "),
         ("a.txt", b"", r"a\.txt: expected \.mcap"),

@@ -2,7 +2,8 @@
 
 A log is `NAME.mcap` with its continuations `NAME.part1.mcap`, ...; all are read as one. Reading never needs
 the index, so a file that was cut off by SIGKILL or a power cut gives all that came before the cut; a chunk
-whose checksum is wrong is left out. What was met on the way stands in `damage`, `unknown` and `undecodable`.
+whose checksum is wrong is left out. What was met on the way stands in `damage`, `unknown` and `undecodable`; `read` is
+how many messages were, and `lacks_after` after how many of them the first may be missing (None: none is known of).
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ class LogFile:
         self.damage: list[str] = []
         self.unknown: Counter[str] = Counter()
         self.undecodable: Counter[str] = Counter()
+        self.read = 0
+        self.lacks_after: int | None = None
         self.metadata: dict[str, str] = {}
         self.attachments: dict[str, bytes] = {}
         for record in head_of(self.paths):
@@ -71,13 +74,22 @@ class LogFile:
         self.damage.clear()
         self.unknown.clear()
         self.undecodable.clear()
+        self.read, self.lacks_after = 0, None
+        last: dict[str, tuple[int, int]] = {}  # topic -> number that its next message has, `read` after its last one
         for path in self.paths:
             try:
                 part = Part(path)
             except LogError as error:
                 self.damage.append(str(error))
+                self._lacks(self.read)
                 continue
-            yield from self._entries_of(part)
+            for entry in self._entries_of(part):
+                due, since = last.get(entry.topic, (0, 0))
+                if entry.sequence > due:
+                    self._lacks(since)
+                self.read += 1
+                last[entry.topic] = entry.sequence + 1, self.read
+                yield entry
             if part.damage:
                 self.damage.append(part.damage)
 
@@ -110,9 +122,14 @@ class LogFile:
             self.undecodable[entry.topic] += 1
             return None
 
+    def _lacks(self, after: int) -> None:
+        self.lacks_after = after if self.lacks_after is None else min(after, self.lacks_after)
+
     def _entries_of(self, part: Part) -> Iterator[LogEntry]:
         topics = {record.id: record.topic for record in part.declared() if isinstance(record, Channel)}
         for record in part.records():
+            if part.lost:
+                self._lacks(self.read)
             if isinstance(record, MessageRecord):
                 topic = topics.get(record.channel_id)
                 if topic is None:  # its channel was declared in a damaged chunk, and there is no index

@@ -19,7 +19,8 @@ class LogError(Exception):
 
 
 class Part:
-    """Records of one file. After `records` is exhausted: `damage` (None: sound) and bytes kept and lost.
+    """Records of one file. While `records` is read: the places `lost` so far. After it is exhausted: `damage` (None:
+    sound) and bytes kept and lost.
 
     Raises LogError (with the path) for a file in which no record stands.
     """
@@ -27,6 +28,7 @@ class Part:
     def __init__(self, path: Path):
         self.path = path
         self.damage: str | None = None
+        self.lost: list[Found] = []
         self.kept_bytes = 0
         self.lost_bytes = 0
         try:
@@ -48,7 +50,7 @@ class Part:
     def records(self) -> Iterator[McapRecord]:
         """All readable records, those inside chunks included, in file order."""
         self.kept_bytes = min(len(MCAP0_MAGIC), self.size)
-        lost: list[Found] = []
+        self.lost = lost = []
         closed = False
         with self._open() as records:
             for found in records:

@@ -2,6 +2,7 @@
 
 import msgspec
 import pytest
+from mcap.opcode import Opcode
 
 from companion.__main__ import main
 from companion.boat.recorder import Recorder
@@ -10,6 +11,7 @@ from companion.logs.log_file import LogFile
 from companion.logs.metadata import log_metadata
 from companion.logs.replay import replay
 from tests.companion.command_line import exit_code
+from tests.fault_lab.broken_logs import headers
 from tests.support.drive_fixture import driving, pilot, setup, voyage
 
 
@@ -138,6 +140,38 @@ def test_a_difference_is_printed_with_exit_code_1(tmp_path, logged, capsys):
     told = capsys.readouterr().out
     assert f"first difference in step {at}," in told
     assert "logged" in told and "replayed" in told
+
+
+def chunk_bytes(data, number):
+    """Where a chunk of a log begins and ends."""
+    starts = headers(data)
+    place = [k for k, at in enumerate(starts) if data[at] == Opcode.CHUNK][number]
+    return starts[place], starts[place + 1]
+
+
+@pytest.mark.parametrize("cut_out", [False, True], ids=["damaged", "cut out"])
+def test_a_log_that_lacks_messages_before_the_difference_says_nothing_of_the_core(tmp_path, log, capsys, cut_out):
+    data = log.read_bytes()
+    begin, end = chunk_bytes(data, 5)
+    path = tmp_path / "run.mcap"
+    path.write_bytes(data[:begin] + (b"" if cut_out else bytes(end - begin)) + data[end:])
+    assert main(["replay", str(path)]) == 2
+    told = capsys.readouterr()
+    assert "first difference in step " in told.out
+    assert f"{path}: lacks messages before this difference, which therefore says nothing of the core" in told.err
+    assert ("damaged: " in told.err) is not cut_out
+
+
+def test_what_is_missing_after_the_difference_excuses_nothing_and_is_told(tmp_path, logged, capsys):
+    altered, at = changed(logged, m.Attitude, "psi_rad", lambda psi: psi + 1.0, 300)
+    path = write(tmp_path / "altered.mcap", log_metadata("aritra", setup().files), altered)
+    data = path.read_bytes()
+    begin, end = chunk_bytes(data, -2)
+    path.write_bytes(data[:begin] + bytes(end - begin) + data[end:-1000])
+    assert main(["replay", str(path)]) == 1
+    told = capsys.readouterr()
+    assert f"first difference in step {at}," in told.out
+    assert "damaged: " in told.err and "ends without footer" in told.err and "lacks" not in told.err
 
 
 def write(path, metadata, messages=()):

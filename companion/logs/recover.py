@@ -53,9 +53,11 @@ def recover(path: Path, out: Path | None = None) -> RecoverReport:
                 continue
             _copy(part, target, report, copied)
         target.finish()
-    except OSError as error:
+    except BaseException as error:  # Ctrl-C, too: half a copy would bar the way of the next attempt
         target.discard()
-        raise LogError(f"{out}: {error.strerror}") from None
+        if isinstance(error, OSError):
+            raise LogError(f"{out}: {error.strerror}") from None
+        raise
     return report
 
 

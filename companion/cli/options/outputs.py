@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
-from collections.abc import Callable, Iterable
+import shutil
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +67,27 @@ def new_in_folder(folder: Path, names: Iterable[str]) -> None:
         raise ConfigError(f"{folder}: {error.strerror}") from None
 
 
+@contextlib.contextmanager
+def making(path: Path, *kinds: type[Exception]) -> Iterator[None]:
+    """Around the writing of a new file or folder: where that ends early (a full disk, Ctrl-C), what was begun is
+    removed, so that the next attempt has its place. Raises ConfigError that names it, for OSError and `kinds`.
+    """
+    if os.path.lexists(path):
+        raise ConfigError(f"{path}: {AWAY}")
+    try:
+        yield
+    except BaseException as error:
+        with contextlib.suppress(OSError):
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        if isinstance(error, OSError):
+            raise ConfigError(reason(error, path)) from None
+        if isinstance(error, kinds):
+            raise ConfigError(f"{path}: {error}") from None
+        raise
+
+
 def reason(error: OSError, path: Path) -> str:
     """What kept `path` from being written, in words."""
-    return f"{path}: {AWAY}" if isinstance(error, FileExistsError) else f"{error.filename or path}: {error.strerror}"
+    if isinstance(error, FileExistsError):
+        return f"{path}: {AWAY}"
+    return f"{error.filename or path}: {error.strerror or error}"

@@ -22,7 +22,7 @@ from rich.text import Text
 
 from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import any_log, log_beside, site_file, text_of, truth_log, vessel_file
-from companion.cli.options.outputs import AWAY, add_out, new_file
+from companion.cli.options.outputs import AWAY, add_out, making, new_file, reason
 from companion.cli.options.values import number
 from companion.core.configuration.site_file import load_site
 from companion.core.model.load_vessel import load_vessel
@@ -59,6 +59,8 @@ def export(path: Path, out: Path, extras: Extras | None = None, *, as_json: bool
     Raises LogError: it cannot be read or written, or polars is not installed.
     """
     try:
+        from polars.exceptions import PolarsError
+
         from companion.logs.readers.read_run import read_run
         from companion.logs.readers.table import write_run
         from companion.logs.runs.problems import problems
@@ -69,9 +71,10 @@ def export(path: Path, out: Path, extras: Extras | None = None, *, as_json: bool
     new_file(out)
     try:
         run = read_run(path, _beside(extras or Extras()))
-        write_run(run, out)
+        with making(out, PolarsError):
+            write_run(run, out)
     except (ValueError, OSError) as error:  # RunError, ConfigError and an unknown wire format are ValueErrors
-        raise LogError(_reason(error)) from None
+        raise LogError(reason(error, path) if isinstance(error, OSError) else str(error)) from None
     console, found = Console(), problems(run)
     if as_json:
         console.file.write(json.dumps({"out": str(out), **summary(run, found)}, indent=2) + "\n")
@@ -94,7 +97,7 @@ def summary(run: Run, found: list[LogProblem]) -> dict[str, Any]:
 
 
 def export_topics(path: Path, folder: Path, form: str, *, truth: Path | None = None) -> int:
-    """Write a file a topic, `form` csv or parquet, into `folder`. Returns the exit code. Raises LogError."""
+    """Write a file a topic, `form` csv or parquet, into `folder`; the exit code. Raises LogError, ConfigError."""
     try:
         from companion.logs.export import tables
     except ImportError:
@@ -108,10 +111,7 @@ def export_topics(path: Path, folder: Path, form: str, *, truth: Path | None = N
     if not found.by_topic:
         raise LogError(f"{path}: no message in it")
     about = {"log": path.name, **{k: v for k, v in log.metadata.items() if not k.startswith("config/")}}
-    try:
-        written = tables.write(found, folder, form, about)
-    except OSError as error:
-        raise LogError(_reason(error)) from None
+    written = tables.write(found, folder, form, about)
     rows = sum(table.height for table in found.by_topic.values())
     size = sum(p.stat().st_size for p in written) / 1e6
     summary_line = f"wrote {len(found.by_topic)} tables, {rows} rows, {size:.1f} MB to {folder}"
@@ -125,9 +125,10 @@ def export_track(path: Path, out: Path, *, site: Path | None = None, truth: Path
     try:
         chosen = load_site(text_of(site), name=str(site)) if site else None
         found = log_geojson.features(log, chosen, simulator)
-        out.write_bytes(log_geojson.collection(path.stem, found, msgspec.json.encode))
     except OSError as error:
-        raise LogError(_reason(error)) from None
+        raise LogError(reason(error, path)) from None
+    with making(out):
+        out.write_bytes(log_geojson.collection(path.stem, found, msgspec.json.encode))
     summary_line = f"wrote {out}: {len(found)} features, {out.stat().st_size / 1e6:.1f} MB"
     return _end(Console(), summary_line, [*log.damage, *(simulator.damage if simulator else ())])
 
@@ -140,25 +141,21 @@ def export_foxglove(path: Path, out: Path) -> int:
         raise LogError(NEEDS_FOXGLOVE) from None
     log = LogFile(path)
     new_file(out)
-    try:
+    with making(out):
         count = foxglove.write(log, out)
-    except OSError as error:  # of foxglove-sdk: it names no file
-        raise LogError(f"{out}: {error}") from None
     return _end(Console(), f"wrote {out}: {count} samples, {out.stat().st_size / 1e6:.1f} MB", log.damage)
 
 
 def export_rosbag2(path: Path, out: Path, *, truth: Path | None = None) -> int:
-    """Write a rosbag2 folder `out`. Returns the exit code. Raises LogError."""
+    """Write a rosbag2 folder `out`. Returns the exit code. Raises LogError, ConfigError."""
     try:
         from companion.logs.export import rosbag2
     except ImportError:
         raise LogError(NEEDS_ROSBAGS) from None
     log, simulator = LogFile(path), open_truth(truth) if truth else None
     new_file(out, is_folder=True)
-    try:
+    with making(out):
         count, left_out, refused = rosbag2.write(log, out, simulator)
-    except OSError as error:
-        raise LogError(_reason(error)) from None
     size = sum(p.stat().st_size for p in out.iterdir()) / 1e6
     odd = f", {left_out} left out: a number in them is beyond what ROS holds" if left_out else ""
     odd += f"; no path and no forces: {refused}" if refused else ""
@@ -232,10 +229,6 @@ def _beside(extras: Extras) -> Any:
     vessel = load_vessel(text_of(extras.vessel), name=str(extras.vessel)) if extras.vessel else None
     site = load_site(text_of(extras.site), name=str(extras.site)) if extras.site else None
     return ReadOptions(vessel, site, extras.truth, extras.uwb, extras.uwb_format, extras.uwb_offset_s)
-
-
-def _reason(error: Exception) -> str:
-    return f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.strerror else str(error)
 
 
 def _end(console: Console, summary_line: str, damage: Sequence[str]) -> int:

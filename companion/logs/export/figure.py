@@ -70,7 +70,7 @@ SYMBOLS = {
 def figure(log: LogFile, out: Path, width_mm: float, *, truth: LogFile | None = None) -> None:
     """Draw `log` into `out` (.pdf, .png or .svg by its name). `truth`: the simulator's log of the same run.
 
-    Raises LogError: nothing to draw, or `out` cannot be written.
+    Raises LogError: nothing to draw; ConfigError: `out` cannot be written.
     """
     series = collect(log, truth)
     nothing_in(log, series)

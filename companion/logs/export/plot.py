@@ -16,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from companion.cli.options.outputs import making
 from companion.core.constants import NEUTRAL_US
 from companion.core.messages import (
     GroundTruth,
@@ -58,7 +59,7 @@ STYLE: dict[Any, Any] = {
 def plot(log: LogFile, out: Path, *, truth: LogFile | None = None, title: str | None = None) -> None:
     """Draw `log` into the PNG `out`. `truth`: the simulator's log of the same run, where there is one.
 
-    Raises LogError: nothing to draw, or `out` cannot be written.
+    Raises LogError: nothing to draw; ConfigError: `out` cannot be written.
     """
     series = collect(log, truth)
     nothing_in(log, series)
@@ -75,11 +76,9 @@ def nothing_in(log: LogFile, series: Series) -> None:
 
 
 def save(figure: Figure, out: Path, **options: Any) -> None:
-    """Write the picture, in the format of its name. Raises LogError with the path."""
-    try:
+    """Write the picture, in the format of its name. Raises ConfigError with the path."""
+    with making(out, ValueError):
         figure.savefig(out, **options)
-    except (OSError, ValueError) as error:
-        raise LogError(f"{out}: {error}") from None
 
 
 def draw(figure: Figure, series: Series, title: str) -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ import msgspec
 import polars as pl
 from msgspec import inspect
 
+from companion.cli.options.outputs import making
 from companion.core.messages import Message
 from companion.logs.configuration import zero_ns_of
 from companion.logs.log_file import LogFile
@@ -129,22 +131,27 @@ def _table(frames: Sequence[pl.DataFrame], zero_ns: int, wall_offset_ns: int | N
 def write(found: Tables, folder: Path, form: str, about: Mapping[str, Any]) -> list[Path]:
     """One file a topic in `folder`, `form` csv or parquet, and `log.json`: `about`, the clock, and what is where.
 
-    Raises OSError.
+    All of them or none. Raises ConfigError.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     written, listed = [], {}
-    for topic, table in found.by_topic.items():
-        path = folder / f"{topic}.{form}"
-        if form == "csv":
-            table.with_columns(_as_json(table)).write_csv(path)
-        else:
-            head = {"topic": f"/{topic}", "zero_ns": found.zero_ns, "wall_offset_ns": found.wall_offset_ns}
-            table.write_parquet(path, metadata={_PARQUET_KEY: msgspec.json.encode(head).decode()})
-        written.append(path)
-        listed[topic] = {"file": path.name, "rows": table.height}
-    index = {**about, "zero_ns": found.zero_ns, "wall_offset_ns": found.wall_offset_ns, "topics": listed}
-    path = folder / INDEX
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(index), indent=2) + b"\n")
+    with ExitStack() as all_or_none:
+        if not folder.is_dir():
+            all_or_none.enter_context(making(folder))
+            folder.mkdir(parents=True)
+        for topic, table in found.by_topic.items():
+            path = folder / f"{topic}.{form}"
+            all_or_none.enter_context(making(path, pl.exceptions.PolarsError))
+            if form == "csv":
+                table.with_columns(_as_json(table)).write_csv(path)
+            else:
+                head = {"topic": f"/{topic}", "zero_ns": found.zero_ns, "wall_offset_ns": found.wall_offset_ns}
+                table.write_parquet(path, metadata={_PARQUET_KEY: msgspec.json.encode(head).decode()})
+            written.append(path)
+            listed[topic] = {"file": path.name, "rows": table.height}
+        index = {**about, "zero_ns": found.zero_ns, "wall_offset_ns": found.wall_offset_ns, "topics": listed}
+        path = folder / INDEX
+        all_or_none.enter_context(making(path))
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(index), indent=2) + b"\n")
     return [*written, path]
 
 

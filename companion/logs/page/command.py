@@ -10,7 +10,7 @@ from rich.console import Console
 
 from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import aritra_log, text_of, truth_log, vessel_file
-from companion.cli.options.outputs import add_out, new_file
+from companion.cli.options.outputs import add_out, making, new_file
 from companion.cli.options.values import number, seconds
 from companion.core.configuration.tables import ConfigError
 from companion.core.model.actuators.propulsion import only_fixed
@@ -77,10 +77,8 @@ def _run(args: argparse.Namespace) -> int:
         status.update("writing")
         data = view.page_data(log, samples, overlay, zero_ns)
         written = html.page(args.log.name, data)
-        try:
+        with making(out):
             out.write_bytes(written)
-        except OSError as error:
-            raise LogError(f"{out}: {error.strerror}") from None
     ghosts = ", ".join(g.name for g in overlay.ghosts) if overlay else "none"
     size = f"{len(written) / 1e6:.1f} MB, {duration_s:.0f} s at {rate_hz:.2g} Hz, ghosts: {ghosts}"
     for line in (f"wrote {out}: {size}", *log.damage):

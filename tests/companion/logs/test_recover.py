@@ -57,6 +57,19 @@ def test_an_existing_file_is_never_overwritten(drive_log, tmp_path):
     assert out.read_text() == "mine"
 
 
+def test_an_interrupt_leaves_no_half_copy(drive_log, tmp_path, monkeypatch):
+    path, out = drive_log(2.0), tmp_path / "sound.mcap"
+
+    def interrupt(self):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("companion.logs.part.LogPart.finish", interrupt)
+        recover(path, out)
+    assert not out.exists()
+    assert recover(path, out).lost_bytes == 0
+
+
 def test_a_missing_log_is_an_error_and_leaves_nothing(tmp_path):
     with pytest.raises(LogError, match=r"absent\.mcap"):
         recover(tmp_path / "absent.mcap")

@@ -3,7 +3,7 @@
 import pytest
 
 from companion.boat.load_run import EXAMPLES
-from companion.cli.options.outputs import AWAY, new_file, new_in_folder
+from companion.cli.options.outputs import AWAY, making, new_file, new_in_folder
 from companion.core.configuration.tables import ConfigError
 from tests.companion.command_line import exit_code
 
@@ -26,6 +26,36 @@ def test_a_folder_is_made_or_has_room(tmp_path):
     for folder, told in ((tmp_path / "a" / "b", "b/x: exists already"), (tmp_path / "a/b/x", "x: is a file")):
         with pytest.raises(ConfigError, match=told):
             new_in_folder(folder, ("x",))
+
+
+@pytest.mark.parametrize(
+    ("end", "told"),
+    [
+        (OSError(28, "No space left on device"), "x: No space left on device"),
+        (OSError("File too large (os error 27)"), "x: File too large"),
+        (ValueError("cannot be drawn"), "x: cannot be drawn"),
+        (KeyboardInterrupt(), "^$"),
+        (TypeError("a mistake of ours"), "^a mistake of ours"),
+    ],
+    ids=repr,
+)
+@pytest.mark.parametrize("folder", [False, True])
+def test_what_was_begun_goes_however_it_ends(tmp_path, end, told, folder):
+    path = tmp_path / "x"
+    with pytest.raises(BaseException, match=told) as error, making(path, ValueError):
+        if folder:
+            path.mkdir()
+        (path / "inside" if folder else path).write_text("half")
+        raise end
+    assert isinstance(error.value, ConfigError) is ("x: " in told)
+    assert not path.exists()
+
+
+def test_what_was_there_before_stays(tmp_path):
+    (tmp_path / "x").write_text("mine")
+    with pytest.raises(ConfigError, match=f"x: {AWAY}"), making(tmp_path / "x"):
+        pytest.fail("it may not begin")
+    assert (tmp_path / "x").read_text() == "mine"
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,9 @@
 """`aritra log export`: what people and scripts see."""
 
 import json
+import resource
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -84,6 +86,42 @@ def test_what_cannot_be_done_is_exit_code_2_with_the_file(logs, tmp_path, capsys
     ):
         assert run(*argv) == log.IMPOSSIBLE
         assert told in capsys.readouterr().err
+
+
+@contextmanager
+def full_disk():
+    """No file may grow beyond 500 bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize(
+    ("words", "out", "named"),
+    [
+        ((), "a.csv", "a.csv"),
+        ((), "a.csv.gz", "a.csv.gz"),
+        ((), "a.parquet", "a.parquet"),
+        (("--csv",), "there", "there/attitude.csv"),
+        (("--parquet",), "new", "new/alert.parquet"),
+        (("--foxglove",), "a.mcap", "a.mcap"),
+        (("--rosbag2",), "bag", "bag"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else value,
+)
+def test_a_full_disk_is_told_with_the_file_and_leaves_nothing_in_the_way(logs, tmp_path, capsys, words, out, named):
+    (tmp_path / "there").mkdir()
+    mine = tmp_path / "there" / "notes.txt"
+    mine.write_text("mine")
+    with full_disk():
+        assert run(logs[0], *words, "-o", tmp_path / out) == log.IMPOSSIBLE
+    told = capsys.readouterr().err
+    assert told.startswith(f"aritra log: {tmp_path / named}: ") and "File too large" in told
+    assert set(tmp_path.rglob("*")) == {tmp_path / "there", mine}
+    assert run(logs[0], *words, "-o", tmp_path / out) == log.OK
 
 
 def test_without_polars_it_says_what_to_install(logs, tmp_path, capsys, monkeypatch):

@@ -25,6 +25,8 @@ from drivers.uwb import uwb_codec
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _STAMPED = re.compile(rb"\s*(\S+?)(?:\s*,\s*|\s+)(.+)")
+_LATEST_NS = 4_102_444_800_000_000_000
+"""The year 2100: a later stamp is damaged, or not in seconds; assumed."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,11 @@ def _text_log(path: Path, wire_format: str | None) -> tuple[list[Message], tuple
         else:
             messages += codec.feed(match[2] + b"\n", t_ns)
     if unstamped and len(unstamped) == len(lines):
-        raise RunError(f"{path}: line 1: expected a stamp (Unix seconds or ISO 8601), then the tag's line")
+        finer = next((n for n, line in enumerate(lines, 1) if re.match(rb"\s*\d{13}", line)), None)
+        found = ", found what looks like milliseconds or finer" if finer else ""
+        raise RunError(
+            f"{path}: line {finer or 1}: expected a stamp (Unix seconds or ISO 8601){found}, then the tag's line"
+        )
     notes = []
     if unstamped:
         notes.append(
@@ -120,13 +126,15 @@ def _text_log(path: Path, wire_format: str | None) -> tuple[list[Message], tuple
 
 def _stamp(text: bytes) -> int | None:
     """Unix time of a stamp [ns], None if invalid; decimal seconds are read digit by digit to keep all ns."""
-    if match := re.fullmatch(rb"(\d+)(?:\.(\d{1,9})\d*)?", text):
-        return int(match[1]) * 1_000_000_000 + int((match[2] or b"0").ljust(9, b"0"))
-    try:
-        when = datetime.fromisoformat(text.decode())
-    except (ValueError, UnicodeDecodeError):
-        return None
-    return (when - _EPOCH) // timedelta(microseconds=1) * 1000 if when.tzinfo else None
+    if match := re.fullmatch(rb"(\d{1,10})(?:\.(\d{1,9})\d*)?", text):
+        t_ns = int(match[1]) * 1_000_000_000 + int((match[2] or b"0").ljust(9, b"0"))
+    else:
+        try:
+            when = datetime.fromisoformat(text.decode())
+        except (ValueError, UnicodeDecodeError):
+            return None
+        t_ns = (when - _EPOCH) // timedelta(microseconds=1) * 1000 if when.tzinfo else -1
+    return t_ns if 0 <= t_ns <= _LATEST_NS else None
 
 
 def _word(anchor: str) -> str:

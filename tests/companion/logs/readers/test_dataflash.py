@@ -224,6 +224,23 @@ def test_text_stamps_may_be_iso_and_a_log_without_stamps_is_refused(tmp_path):
         read_run(written(tmp_path), beside)
 
 
+def test_text_stamps_that_are_no_seconds_are_told(tmp_path):
+    """Of milliseconds in int64 nanoseconds came an OverflowError, of one damaged stamp as well."""
+    path = tmp_path / "uwb.txt"
+    beside = ReadOptions(uwb=path, uwb_format="dwm1001-lep", uwb_offset_s=float(-UNIX_S))
+    for zeros in ("000", "000000"):
+        path.write_text("# my tag\n" + "".join(f"{UNIX_S + k}{zeros} POS,2.00,3.00,0.10,90\n" for k in range(3)))
+        with pytest.raises(
+            RunError, match=r"uwb\.txt: line 2: expected a stamp .*, found what looks like milliseconds"
+        ):
+            read_run(written(tmp_path), beside)
+    for damaged in ("9999-01-01T00:00:00+00:00", "0001-01-01T00:00:00+00:00", "9800000000.5", f"{UNIX_S}1"):
+        path.write_text(f"{UNIX_S + 5} POS,2.00,3.00,0.10,90\n{damaged} POS,2.00,3.00,0.10,90\n")
+        run = read_run(written(tmp_path), beside)
+        assert run.samples("east_m")[1].tolist() == [2.0]
+        assert "1 lines without stamp; line 2" in " ".join(p.text for p in run.meta.notes)
+
+
 def test_what_is_no_dataflash_log_or_has_no_outputs_is_named(tmp_path):
     path = tmp_path / "wrong.bin"
     path.write_bytes(b"hello")

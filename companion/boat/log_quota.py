@@ -22,6 +22,9 @@ from companion.logs.part import log_parts
 NAME = re.compile(r"(aritra-\d{8}-\d{6}(?:-\d+)?)(?:\.part(\d+))?\.mcap")
 FRESH_S = 60.0
 """A log written to so lately belongs to a process that runs (the recorder writes every 0.25 s)."""
+RELEASED_S = 1_767_225_600.0
+"""2026-01-01 UTC, the year of this program's first version. What is dated before was written under a clock that had not
+been set, as of a board without a battery for it: nobody knows how old it is, and it may be of this morning."""
 PERIOD_NS = 60_000_000_000
 MB = 1_000_000
 
@@ -64,7 +67,8 @@ def stored_logs(folder: Path) -> Iterator[Stored]:
 
 
 def to_delete(files: Iterable[Stored], *, quota_bytes: float, running: str, now_s: float) -> list[Stored]:
-    """Files to delete so that the rest fits into the quota, in this order: oldest log first, its parts in order.
+    """Files to delete so that the rest fits into the quota, in this order: oldest log first, its parts in order; logs
+    dated before RELEASED_S last.
 
     A log is as old as its newest part. Never any part of the log `running` (its first file's name), of one
     written to within `FRESH_S`, or a file with another name; so what is left may still exceed the quota.
@@ -78,7 +82,12 @@ def to_delete(files: Iterable[Stored], *, quota_bytes: float, running: str, now_
         spared.add(match[1])
     excess = sum(file.size_bytes for _, file in ours) - quota_bytes
     doomed = []
-    for match, file in sorted(ours, key=lambda pair: (newest[pair[0][1]], pair[0][1], int(pair[0][2] or 0))):
+
+    def order(pair: tuple[re.Match[str], Stored]) -> tuple[bool, float, str, int]:
+        log, number = pair[0].groups()
+        return newest[log] < RELEASED_S, newest[log], log, int(number or 0)
+
+    for match, file in sorted(ours, key=order):
         if excess > 0 and match[1] not in spared:
             doomed.append(file)
             excess -= file.size_bytes

@@ -14,6 +14,7 @@ from companion.boat.log_quota import (
     FRESH_S,
     NAME,
     PERIOD_NS,
+    RELEASED_S,
     Stored,
     Swept,
     alerts,
@@ -70,7 +71,8 @@ def test_enough_goes_and_no_more_and_never_what_is_spared(files, quota):
     for gone in doomed:
         for kept in set(ours) - set(doomed):
             spared = stem(kept.name) in {stem(RUNNING), *fresh}
-            assert spared or age[stem(kept.name)] >= age[stem(gone.name)], f"{gone} went before the older {kept}"
+            older, newer = ((age[log] < RELEASED_S, age[log]) for log in (stem(gone.name), stem(kept.name)))
+            assert spared or newer >= older, f"{gone} went before the older {kept}"
 
 
 def test_the_oldest_log_goes_first_and_of_it_the_oldest_part():
@@ -88,6 +90,14 @@ def test_a_wrong_date_deletes_nothing_that_fits():
         assert to_delete(files, quota_bytes=900, running=RUNNING, now_s=now_s) == []
         names = [file.name for file in to_delete(files, quota_bytes=700, running=RUNNING, now_s=now_s)]
         assert names == [part(day, 0, 0, 0).name for day in (9, 8)]
+
+
+def test_a_log_of_a_clock_that_was_not_set_goes_last():
+    """On a board without a battery for its clock this morning's log is of 1970, and went first."""
+    morning = Stored("aritra-19700101-000130.mcap", 10, 700.0)
+    dated = [part(day, 0, 10, 1e5 * day) for day in (8, 9)]
+    order = to_delete([morning, *dated], quota_bytes=0, running=RUNNING, now_s=NOW_S)
+    assert order == [dated[1], dated[0], morning]
 
 
 def test_new_logs_have_names_of_their_own_that_the_quota_knows(tmp_path):

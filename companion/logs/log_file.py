@@ -1,9 +1,10 @@
 """Reading a log: typed messages in the order in which they were written, also from a damaged file.
 
-A log is `NAME.mcap` with its continuations `NAME.part1.mcap`, ...; all are read as one. Reading never needs
-the index, so a file that was cut off by SIGKILL or a power cut gives all that came before the cut; a chunk
-whose checksum is wrong is left out. What was met on the way stands in `damage`, `unknown` and `undecodable`; `read` is
-how many messages were, and `lacks_after` after how many of them the first may be missing (None: none is known of).
+A log is `NAME.mcap` with its continuations `NAME.part1.mcap`, ... of the same run; all are read as one. Reading
+never needs the index, so a file that was cut off by SIGKILL or a power cut gives all that came before the cut; a
+chunk whose checksum is wrong is left out. What was met on the way stands in `damage`, `unknown` and `undecodable`;
+`read` is how many messages were, and `lacks_after` after how many of them the first may be missing (None: none is
+known of).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from mcap.records import Message as MessageRecord
 
 from companion.core.messages import GroundTruth, Message
 from companion.logs.part import log_parts
-from companion.logs.part_reader import LogError, Part, head_of
+from companion.logs.part_reader import LogError, Part, head_of, opened
 from companion.logs.schema import KINDS, METADATA_NAME, RAW_PREFIX, VIEWER_PREFIX, RawBytes
 
 _DECODERS = {kind: msgspec.json.Decoder(kind) for kind in (*KINDS.values(), RawBytes)}
@@ -76,12 +77,11 @@ class LogFile:
         self.undecodable.clear()
         self.read, self.lacks_after = 0, None
         last: dict[str, tuple[int, int]] = {}  # topic -> number that its next message has, `read` after its last one
-        for path in self.paths:
-            try:
-                part = Part(path)
-            except LogError as error:
-                self.damage.append(str(error))
+        for _, part, problem in opened(self.paths):
+            if problem:
+                self.damage.append(problem)
                 self._lacks(self.read)
+            if part is None:
                 continue
             for entry in self._entries_of(part):
                 due, since = last.get(entry.topic, (0, 0))

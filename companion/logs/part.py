@@ -121,10 +121,18 @@ def part_path(path: Path, number: int) -> Path:
 
 
 def log_parts(path: Path) -> tuple[Path, ...]:
-    """`path` and its continuations that exist, in order."""
-    pattern = re.compile(rf"{re.escape(path.stem)}\.part(\d+){re.escape(path.suffix)}")
+    """`path` and its continuations that exist, in order; of a continuation those after it."""
+    found = _continuations(path, path.stem, 0)
+    if not found and (itself := re.fullmatch(r"(.+)\.part(\d+)", path.stem)):
+        found = _continuations(path, itself[1], int(itself[2]))
+    return (path, *found)
+
+
+def _continuations(path: Path, stem: str, after: int) -> list[Path]:
+    """Parts of the log `stem` in the folder of `path` whose numbers are above `after`, in order."""
+    pattern = re.compile(rf"{re.escape(stem)}\.part(\d+){re.escape(path.suffix)}")
     found = [(int(match[1]), other) for other in path.parent.iterdir() if (match := pattern.fullmatch(other.name))]
-    return (path, *(other for _, other in sorted(found)))
+    return [other for number, other in sorted(found) if number > after]
 
 
 def _sync_directory(folder: Path) -> None:

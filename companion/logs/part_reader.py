@@ -6,12 +6,14 @@ import contextlib
 import mmap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from companion.logs.metadata import config_sha256, files_in
 from companion.logs.records import Found, Records
+from companion.logs.schema import METADATA_NAME
 
 
 class LogError(Exception):
@@ -65,6 +67,15 @@ class Part:
         self.lost_bytes = self.size - self.kept_bytes
         self.damage = _damage(self.path, self.size, lost, closed=closed)
 
+    def stated(self) -> dict[str, str]:
+        """What the file says of its log; nothing where that cannot be read."""
+        for record in self.records():
+            if isinstance(record, Message | Channel | Schema):
+                break
+            if isinstance(record, Metadata) and record.name == METADATA_NAME:
+                return record.metadata
+        return {}
+
     def _holds_records(self) -> bool:
         with self._open() as records:
             return next(iter(records)).end < self.size
@@ -75,6 +86,43 @@ class Part:
             yield Records(data)
 
 
+class PartFile(NamedTuple):
+    """One file of a log; `part` is None where it is left out. `problem`: why, or what is missing before it."""
+
+    path: Path
+    part: Part | None
+    problem: str = ""
+
+
+def opened(paths: Sequence[Path]) -> Iterator[PartFile]:
+    """The files of a log, by its names, in order. Every part states its number and the wall clock of its run, by which
+    one that is missing or is another run's is known.
+    """
+    run, due = None, 0
+    for path in paths:
+        try:
+            part = Part(path)
+        except LogError as error:
+            due += 1
+            yield PartFile(path, None, str(error))
+            continue
+        stated = part.stated()
+        clock, number = stated.get("wall_offset_ns", run), stated.get("part", "")
+        if run and clock and _differ(run, clock):
+            yield PartFile(path, None, f"{path}: is part of another run than {paths[0].name}: left out")
+            continue
+        at = int(number) if number.isdecimal() and len(number) < 9 else due
+        missing = f"part {due}" if at == due + 1 else f"parts {due} to {at - 1}"
+        problem = f"{path}: what comes before it ({missing} of the log) was not read"
+        yield PartFile(path, part, problem if at > due else "")
+        run, due = clock, at + 1
+
+
+def _differ(clock: str, other: str) -> bool:
+    """Whether these are the clocks of two runs. Of two in nanoseconds more than one digit differs; one is damage."""
+    return len(clock) != len(other) or sum(a != b for a, b in zip(clock, other, strict=True)) > 1
+
+
 def head_of(paths: Sequence[Path]) -> list[Metadata | Attachment]:
     """Metadata and attachments of a log of these parts, all of which repeat them before their first message: each from
     the first part in which it can be read, and in which the configuration has the SHA-256 that it states, if any has.
@@ -82,12 +130,10 @@ def head_of(paths: Sequence[Path]) -> list[Metadata | Attachment]:
     Raises LogError, that of the first part, where no part can be read.
     """
     found: dict[tuple[type, str], Metadata | Attachment] = {}
-    errors: list[LogError] = []
-    for path in paths:
-        try:
-            part = Part(path)
-        except LogError as error:
-            errors.append(error)
+    errors: list[str] = []
+    for _, part, problem in opened(paths):
+        if part is None:
+            errors.append(problem)
             continue
         for record in part.records():
             if isinstance(record, Message | Channel | Schema):
@@ -97,7 +143,7 @@ def head_of(paths: Sequence[Path]) -> list[Metadata | Attachment]:
                 if key not in found or (_sound(record) and not _sound(found[key])):
                     found[key] = record
     if len(errors) == len(paths):
-        raise errors[0]
+        raise LogError(errors[0])
     return list(found.values())
 
 

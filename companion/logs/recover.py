@@ -10,7 +10,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as MessageRecord
 
 from companion.logs.part import ChannelInfo, LogItem, LogPart, log_parts
-from companion.logs.part_reader import LogError, Part, head_of
+from companion.logs.part_reader import LogError, Part, head_of, opened
 
 
 class RecoverReport(msgspec.Struct, kw_only=True):
@@ -44,11 +44,10 @@ def recover(path: Path, out: Path | None = None) -> RecoverReport:
         copied: set[tuple[type, str]] = set()
         for record in head:
             _copy_head(record, target, copied)
-        for part_path in paths:
-            try:
-                part = Part(part_path)
-            except LogError as error:
-                report.damage.append(str(error))
+        for part_path, part, problem in opened(paths):
+            if problem:
+                report.damage.append(problem)
+            if part is None:
                 report.lost_bytes += part_path.stat().st_size
                 continue
             _copy(part, target, report, copied)

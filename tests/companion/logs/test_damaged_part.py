@@ -1,5 +1,6 @@
 """Rotated logs with a damaged part: what every part repeats is taken from one that is sound."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,62 @@ def test_a_first_part_that_cannot_be_read_is_damage_and_not_the_end(drive_log, t
     again = LogFile(tmp_path / "sound.mcap")
     assert [tick.index for tick in again.messages(Tick)] == ticks
     assert ticks and ticks[-1] == 599 and 0 < ticks[0] < 300
+
+
+def test_a_part_that_is_missing_is_told(drive_log, tmp_path):
+    """What was in it was missing without a word."""
+    path: Path = drive_log(60.0, rotate_bytes=60_000)
+    paths = LogFile(path).paths
+    whole = [tick.index for tick in LogFile(path).messages(Tick)]
+    own = [{tick.index for tick in LogFile(path).messages(Tick)} for path in (alone(p, tmp_path) for p in paths)]
+    paths[1].unlink()
+    told = f"{paths[2]}: what comes before it (part 1 of the log) was not read"
+    log = LogFile(path)
+    assert [tick.index for tick in log.messages(Tick)] == [index for index in whole if index not in own[1]]
+    assert log.damage == [told] and log.lacks_after is not None
+    assert recover(path, tmp_path / "sound.mcap").damage == [told]
+
+
+def alone(path, tmp_path):
+    """A copy of one file of a log where no other is."""
+    copy = tmp_path / "alone" / path.name / path.name
+    copy.parent.mkdir(parents=True)
+    return Path(shutil.copy(path, copy))
+
+
+def test_a_part_of_another_run_is_left_out_and_told(drive_log, tmp_path):
+    """An older log's `NAME.part1.mcap`, say: what was in it was joined to the log without a word."""
+    path: Path = drive_log(60.0, rotate_bytes=60_000)
+    first, second = LogFile(path).paths[:2]
+    other = tmp_path / "other"
+    other.mkdir()
+    for file in (first, second):
+        shutil.copy(file, other / file.name)
+    shifted = (other / second.name).read_bytes()
+    clock = LogFile(path).metadata["wall_offset_ns"].encode()
+    (other / second.name).write_bytes(shifted.replace(clock, clock[:-3] + b"123", 1))
+    log = LogFile(other / first.name)
+    ticks = [tick.index for tick in log.messages(Tick)]
+    assert ticks == [tick.index for tick in LogFile(alone(first, tmp_path)).messages(Tick)]
+    assert log.damage == [f"{other / second.name}: is part of another run than drive.mcap: left out"]
+    assert recover(other / first.name, tmp_path / "sound.mcap").damage == log.damage
+
+
+def test_a_part_whose_clock_has_a_damaged_digit_is_no_other_run(drive_log):
+    path: Path = drive_log(60.0, rotate_bytes=60_000)
+    log = LogFile(path)
+    ticks, clock = list(log.messages(Tick)), log.metadata["wall_offset_ns"].encode()
+    log.paths[1].write_bytes(log.paths[1].read_bytes().replace(clock, b"3" + clock[1:], 1))
+    assert list(log.messages(Tick)) == ticks and not log.damage
+
+
+def test_a_log_opened_by_a_later_part_says_so_and_goes_on(drive_log):
+    path: Path = drive_log(60.0, rotate_bytes=60_000)
+    paths = LogFile(path).paths
+    log = LogFile(paths[2])
+    assert log.paths == paths[2:]
+    assert [tick.index for tick in log.messages(Tick)][-1] == 599
+    assert log.damage == [f"{paths[2]}: what comes before it (parts 0 to 1 of the log) was not read"]
 
 
 def test_a_log_of_which_no_part_can_be_read_is_refused_and_leaves_nothing(drive_log):

@@ -1,4 +1,4 @@
-"""A log as arrays for plots and reports: one pass, every time in seconds since the first message's `t_ns`.
+"""A log as arrays for plots and reports: every time in seconds since the log's first message (`zero_ns_of`).
 
 Positions that the tag computed are in the site's ENU axes (x east, y north: see `core.site`). Where the tag
 gives only ranges, and the log holds its site file, each set of three or more gives a least-squares fix.
@@ -32,6 +32,7 @@ from companion.core.messages import (
 from companion.core.messages.sensors import GnssFix
 from companion.core.sensors.gnss import GnssReceiver
 from companion.core.sensors.table import origin_of
+from companion.logs.configuration import zero_ns_of
 from companion.logs.log_file import LogFile
 from companion.logs.metadata import channels_in, site_in
 
@@ -107,12 +108,10 @@ def collect(log: LogFile, truth: LogFile | None = None) -> Series:
         site = site_in(log.metadata, log.path)
     except ConfigError:  # nothing here is in the axes of a site: anchors and the fixes of GNSS are left out
         site = None
-    rows, zero_ns, last_ns = _Rows(origin=origin_of(site) if site else None), None, 0
+    rows, zero_ns, last_ns = _Rows(origin=origin_of(site) if site else None), zero_ns_of(log), 0
     for message in log.messages(*_SCALARS, OverrideLease, Innovation, UwbPosition, UwbRanges, GnssFix):
-        zero_ns = message.t_ns if zero_ns is None else zero_ns
         last_ns = max(last_ns, message.t_ns)
         _add(rows, message)
-    zero_ns = zero_ns or 0
     for message in truth.messages(GroundTruth) if truth else ():
         if zero_ns <= message.t_ns <= last_ns:
             _add(rows, message)

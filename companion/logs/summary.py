@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 import msgspec
 
 from companion.core.messages import Alert, OverrideLease, PlanResult
+from companion.logs.configuration import zero_ns_of
 from companion.logs.log_file import LogEntry, LogFile
 from companion.logs.schema import KINDS, RAW_PREFIX, VIEWER_PREFIX
 
@@ -24,7 +25,7 @@ class TopicStats(msgspec.Struct):
 
 
 class AlertLine(msgspec.Struct):
-    """One alert; `t_s` counts from the beginning of the log."""
+    """One alert; `t_s` counts from the log's first message (`zero_ns_of`)."""
 
     t_s: float
     level: str
@@ -75,7 +76,8 @@ def summarise(log: LogFile) -> LogSummary:
     meters: dict[str, _Meter] = {}
     leases: Counter[str] = Counter()
     plans: Counter[str] = Counter()
-    alerts: list[tuple[int, Alert]] = []
+    alerts: list[Alert] = []
+    zero_ns = zero_ns_of(log)
     start_ns = end_ns = None
     for entry in log.entries():
         start_ns = entry.log_time_ns if start_ns is None else min(start_ns, entry.log_time_ns)
@@ -91,7 +93,7 @@ def summarise(log: LogFile) -> LogSummary:
             case PlanResult(status=status):
                 plans[status] += 1
             case Alert() as alert:
-                alerts.append((entry.log_time_ns, alert))
+                alerts.append(alert)
     topics = sorted((meter.stats for meter in meters.values()), key=lambda stats: stats.topic)
     own = [t for t in topics if t.topic not in KINDS and not t.topic.startswith((RAW_PREFIX, VIEWER_PREFIX))]
     first_ns = start_ns or 0
@@ -106,7 +108,7 @@ def summarise(log: LogFile) -> LogSummary:
         attachments=list(log.attachments),
         leases=dict(leases),
         plans=dict(plans),
-        alerts=[AlertLine((t_ns - first_ns) / 1e9, alert.level, alert.text) for t_ns, alert in alerts],
+        alerts=[AlertLine((alert.t_ns - zero_ns) / 1e9, alert.level, alert.text) for alert in alerts],
         unknown={**log.unknown, **{t.topic: t.messages for t in own}},
         undecodable=dict(log.undecodable),
         damage=list(log.damage),

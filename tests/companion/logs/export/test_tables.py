@@ -15,6 +15,8 @@ from companion.logs.export import command
 from companion.logs.export.tables import dtype_of, tables, write
 from companion.logs.log_file import LogFile
 from companion.logs.schema import KINDS
+from companion.logs.series import collect
+from companion.logs.summary import summarise
 
 
 def record(path, *messages, wall_offset_ns: int = 0) -> LogFile:
@@ -118,6 +120,23 @@ def test_the_command_writes_a_folder_and_never_over_another(drive_log, tmp_path,
         command.export_topics(log, out, "parquet")
     assert json.loads((out / "log.json").read_text()) == index
     assert not list(out.glob("*.parquet"))
+
+
+def test_tables_plot_and_info_count_from_the_same_message(tmp_path):
+    """They began with the first message, the first that a plot shows, and the time of the first recording."""
+    clock = [10**9]
+    with Recorder(tmp_path / "boat.mcap", {}, lambda: clock[0], wall_offset_ns=10**18, background=False) as recorder:
+        for message in (
+            m.LinkStatus(t_ns=10**9, link="mavlink", state="searching", reason=""),
+            m.Tick(t_ns=2 * 10**9, index=0),
+            m.Alert(t_ns=3 * 10**9, level="info", text="x"),
+        ):
+            recorder.record(message)
+            clock[0] += 10**8
+    log = LogFile(tmp_path / "boat.mcap")
+    found = tables(log).by_topic
+    assert found["tick"]["t_s"].to_list() == collect(log)[m.Tick].t_s.tolist() == [1.0]
+    assert found["alert"]["t_s"].to_list() == [alert.t_s for alert in summarise(log).alerts] == [2.0]
 
 
 def test_topics_of_the_simulator_come_from_its_own_log(tmp_path):

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from companion.core.constants import NEUTRAL_US
+from companion.logs.runs.columns import INERTIAL
 from companion.logs.runs.run import LogProblem, Run
 
 GAP_PERIODS, GAP_S, END_S = 3.5, 0.2, 1.0
@@ -168,6 +169,22 @@ def _stuck(run: Run) -> Iterator[LogProblem]:
             if any(last - first + 1 >= count and length_s >= least_s for count, least_s in STUCK):
                 text = f"{column}: {last - first + 1} samples are {values[first]:.6g} exactly"
                 yield LogProblem(kind="stuck", text=text, t_s=float(t_s[first]), length_s=length_s)
+
+
+def dead_columns(run: Run) -> list[str]:
+    """Columns of heading, inertial sensors and positions that hold one value throughout: no sensor wrote them.
+
+    A position is dead where both its coordinates are: a boat may drive due north.
+    """
+
+    def dead(*columns: str) -> bool:
+        if not all(run.known(column) for column in columns):
+            return False
+        values = run.samples(*columns)[1]
+        return len(values) >= STUCK[1][0] and bool((values == values[0]).all())
+
+    place = ("north_m", "east_m")
+    return [*(column for column in INERTIAL if dead(column)), *(place if dead(*place) else ())]
 
 
 def _disagreeing(run: Run) -> Iterator[LogProblem]:

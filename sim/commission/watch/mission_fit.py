@@ -34,7 +34,7 @@ from sim.fitting.diagnose.posterior.parameter_values import ParameterValues
 from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.vessel_edits.public_form import family
 from sim.fitting.engine.parameters import HULL
-from sim.fitting.engine.split import NamedLog, split_at_pauses
+from sim.fitting.engine.split import NamedLog, split_at_pauses, usable
 from sim.fitting.wiring.levelling import levelled
 
 WINDOW_S = 0.5
@@ -85,9 +85,9 @@ def mission_information(run: Run, vessel: VesselFile) -> MissionInformation:
     """Fit the log `run` of the boat of `vessel`; what it says of theta. It depends on no other log.
 
     Roll and pitch that follow the boat's own acceleration are left out; what a lean that nobody knows adds to the noise
-    of accelerometers is estimated with it. Raises StructuredFitError, RunError.
+    of accelerometers is estimated with it. Raises JobError, StructuredFitError, RunError.
     """
-    (log,) = levelled([NamedLog(run.meta.source, run)])
+    (log,) = levelled([usable(NamedLog(run.meta.source, run), vessel)])
     runs = split_at_pauses(log.run)
     effects = [e for e in catalogue(vessel, runs) if e.always_free and (_is_watched(e) or _of_day(e))]
     stated = replace(stated_noise(vessel, runs), latent_time_s=LATENT_TIME_S)

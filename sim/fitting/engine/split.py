@@ -15,9 +15,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import polars as pl
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.problems import dead_columns
 from companion.logs.runs.run import LogProblem, Run, RunError
 from companion.logs.runs.splits import HeldOut, Interval, alternate, length_s, parts, recording_intervals, tail
 from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, inside_edges
@@ -26,6 +28,8 @@ SHARE = 0.25
 LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
 """Assumed: a few of the hull's time constants to fit on; two open-loop runs of 10 s to be judged by."""
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
+DEAD_SENSOR = "dead sensor"
+"""Kind of the problem that columns are left out because they hold one value throughout."""
 NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
 
 
@@ -111,17 +115,26 @@ def split(
 
 
 def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
-    """The log under its own name, with its thrusters in the vessel file's order. Raises JobError."""
+    """The log under its own name, with its thrusters in the vessel file's order. Raises JobError.
+
+    Sensors that say one and the same throughout (an IMU that is not there, written as zeros) are left blank, and noted.
+    """
     run, names = Run(log.run.table, replace(log.run.meta, source=log.name)), tuple(t.name for t in vessel.thrusters)
     if set(run.thrusters) != set(names):
         raise JobError(
             f"{log.name}: columns pwm_{', pwm_'.join(run.thrusters)}, but the thrusters of {vessel.name} are "
             f"{', '.join(names)}: another boat's log, or another boat's vessel file"
         )
+    dead = dead_columns(run)
+    if dead:
+        text = f"{', '.join(dead)}: the same value in every sample, which no sensor gives: left out, as if blank"
+        blank = run.table.with_columns(pl.lit(None, pl.Float64).alias(column) for column in dead)
+        run = Run(blank, run.meta).with_notes([LogProblem(kind=DEAD_SENSOR, text=text)])
     for column, what in (("psi_rad", "heading"), ("north_m", "position"), *((f"pwm_{n}", "commands") for n in names)):
         if not run.known(column):
             hint = "; `aritra log export --uwb` joins a UWB log to a .bin or .tlog" if column == "north_m" else ""
-            raise JobError(f"{log.name}: {column}: blank throughout; nothing can be identified without {what}{hint}")
+            state = "the same value" if column in dead else "blank"
+            raise JobError(f"{log.name}: {column}: {state} throughout; nothing can be identified without {what}{hint}")
     others = [c for c in run.table.columns if not c.startswith("pwm_")]
     return NamedLog(log.name, Run(run.table.select(*(f"pwm_{n}" for n in names), *others), run.meta))
 

@@ -104,7 +104,7 @@ def overlay(
 
     Raises JobError, RunError or ValueError where the run lacks what a simulation needs, or is too short.
     """
-    run = usable(NamedLog(run.meta.source, calibrated(run, vessel)), vessel).run
+    run = calibrated(usable(NamedLog(run.meta.source, run), vessel).run, vessel)
     say("what the boat did", 0.0)
     ref = reference_motion(run, SmootherNoise.of(vessel))
     windows = _pieces(run, ref, vessel, every_s)

@@ -9,6 +9,7 @@ import numpy as np
 from sim.fitting.diagnose.job import Diagnosis
 from sim.fitting.diagnose.selection.held_out import HeldOutScore, OpenLoopError
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
+from sim.fitting.engine.split import DEAD_SENSOR
 
 SHOWN_S = 10
 ROUGH, QUIET_M_S2 = 2.0, 0.01  # latent acceleration of an unusable reference over the logs', or this; assumed
@@ -25,7 +26,7 @@ WORDS = {
 
 
 def sentences(diagnosis: Diagnosis) -> list[str]:
-    """Sentences: verdict, causes, residual, withdrawn causes, rivals, gain on held-out logs, what to do."""
+    """Sentences: verdict, causes, residual, withdrawn causes, rivals, gain on held-out logs, logs, what to do."""
     lines = [*diagnosis.wiring.lines, _verdict(diagnosis)]
     lines += [sentence(n.effect.name, n.numbers) for n in diagnosis.causes]
     if diagnosis.verdict in ("partial", "unknown"):
@@ -43,6 +44,8 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
             "themselves: it was not calm, or something was wrong already. Faults may hide behind its noise; record "
             "another, or leave it out."
         )
+    for log, problems in diagnosis.problems.items():
+        lines += [f"{log}: {p.text}." for p in problems if p.kind == DEAD_SENSOR]
     if diagnosis.identifiability is not None and diagnosis.identifiability.record.manoeuvre:
         lines.append(diagnosis.identifiability.record.manoeuvre)
     return [*lines, *diagnosis.wiring.open_lines]

@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from companion.logs.runs.problems import grouped, problems
+from companion.logs.runs.problems import dead_columns, grouped, problems
 from companion.logs.runs.run import LogProblem, Run
 from tests.companion.logs.readers.run_logs import clean_run
 
@@ -148,3 +148,16 @@ def test_a_biased_gyroscope_is_no_disagreement_and_no_turn_no_verdict():
 def test_the_readers_notes_come_first():
     note = LogProblem(kind="damaged", text="x")
     assert problems(clean_run().with_notes([note])) == [note]
+
+
+def test_columns_that_hold_one_value_throughout_are_dead():
+    """Zeros in place of an IMU; east alone is a boat that drives due north; seven samples are few."""
+    run = clean_run()
+    assert dead_columns(run) == []
+    assert dead_columns(edited(run, -1, 99, ax_m_s2=0.0, r_rad_s=0.5)) == ["r_rad_s", "ax_m_s2"]
+    assert dead_columns(edited(run, 0.01, 99, ax_m_s2=0.0)) == []
+    fixed = edited(run, -1, 99, north_m=lambda n: 0.0 * n)
+    assert dead_columns(fixed) == []
+    assert dead_columns(edited(fixed, -1, 99, east_m=lambda e: 0.0 * e)) == ["north_m", "east_m"]
+    seven = edited(run, -1, 99, ax_m_s2=0.0).table.with_columns(ax_m_s2=pl.when(pl.int_range(pl.len()) < 7).then(0.0))
+    assert dead_columns(Run(seven)) == []

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from companion.__main__ import main
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.readers.table import write_run
-from companion.logs.runs.run import Run
+from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.diagnose import job
 from sim.fitting.diagnose.catalogue import catalogue, stochastic
 from sim.fitting.diagnose.catalogue.page import rows
@@ -130,8 +130,10 @@ def test_what_is_left_over_and_what_cannot_be_told_apart_is_on_the_page(weak):
 
 
 def test_with_nothing_named_the_page_says_what_would_have_been_seen(weak):
+    dead = {"a.csv": [LogProblem(kind="dead sensor", text="r_rad_s: one value")]}
     found = dataclasses.replace(weak[2], verdict="none", causes=())
-    lines = sentences(found)
+    lines = sentences(dataclasses.replace(found, problems=dead))
+    assert lines[-1] == "a.csv: r_rad_s: one value."
     assert "nothing is wrong with aritra" in lines[0]
     assert re.match(r"These logs would have shown thruster_gain from \d", lines[1])
     finding = WiringFinding(name="reversed:front_port", text="thruster front_port is reversed", certain=True)

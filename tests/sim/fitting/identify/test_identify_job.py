@@ -9,6 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from companion.logs.readers.read_run import ReadOptions, read_run
+from companion.logs.runs.problems import problems
 from companion.logs.runs.run import LogProblem, Run, RunMeta
 from sim.fitting.engine.parameters import WARP, Parameters, file_values
 from sim.fitting.engine.split import JobError, NamedLog, split
@@ -82,6 +83,7 @@ def test_thrusters_are_put_into_the_vessel_files_order(run):
         (lambda r: ([clean_run(60.0)], []), r"log0: columns pwm_left, pwm_right, but the thrusters of aritra are"),
         (lambda r: ([blank(r, "north_m", "east_m")], []), r"log0: north_m: blank throughout.*--uwb"),
         (lambda r: ([blank(r, "psi_rad")], []), r"log0: psi_rad: blank throughout"),
+        (lambda r: ([changed(r, psi_rad=pl.lit(0.0))], []), r"log0: psi_rad: the same value throughout"),
         (lambda r: ([blank(r, "pwm_rear_port")], []), r"log0: pwm_rear_port: blank throughout"),
         (lambda r: ([short(r, 45.0)], []), r"log0: 45\.0 s; 50 s are the least when its last part is held out"),
         (lambda r: ([with_pause(short(r, 45.0), 20.0)], []), r"log0: 45\.0 s beside 1 pauses of the recording; 50 s"),
@@ -96,6 +98,19 @@ def test_what_cannot_be_used_is_named(run, make, words):
     logs, held_out = ([NamedLog(f"log{next(number)}", r) for r in runs] for runs in make(run))
     with pytest.raises(JobError, match=words):
         split(logs, held_out, VESSEL)
+
+
+def test_accelerations_that_are_zero_throughout_are_blank_and_looked_at(run):
+    """A log without an IMU whose columns were filled with zeros."""
+    zeros = changed(run, ax_m_s2=pl.lit(0.0), ay_m_s2=pl.lit(0.0))
+    division = split([NamedLog("a.csv", run), NamedLog("b.csv", zeros)], [], VESSEL)
+    assert [used.log.run.known("ax_m_s2") for used in division.used] == [True, False]
+    assert not any(piece.known("ay_m_s2") for piece in division.fitted[1:])
+    found = verdict(chosen(), validation(structured=0.1), {u.log.name: problems(u.log.run) for u in division.used})
+    assert found.attention == (
+        "b.csv: dead sensor: ax_m_s2, ay_m_s2: the same value in every sample, which no sensor gives: left out, as if "
+        "blank.",
+    )
 
 
 def with_pause(run: Run, at_s: float) -> Run:
@@ -208,11 +223,9 @@ def test_who_is_believed(errors, believe, begins, doubts):
 
 
 def test_everything_that_must_be_looked_at_is_said():
-    problems = {
-        "a.csv": [LogProblem(kind="disagree", text="psi_rad turns 57 times"), LogProblem(kind="idle", text="rest")]
-    }
+    told = {"a.csv": [LogProblem(kind="disagree", text="psi_rad turns 57 times"), LogProblem(kind="idle", text="rest")]}
     open_ones = ("M22_kg", "Y_v_N_s_m", "Y_vv_N_s2_m2", "Y_r_N_s")
-    found = verdict(chosen(open_ones, converged=False, white=False), validation(base=0.5, structured=0.1), problems)
+    found = verdict(chosen(open_ones, converged=False, white=False), validation(base=0.5, structured=0.1), told)
     text = " ".join(found.attention)
     for words in ("did not converge in 5 steps", "hang together (psi)", "determine M22_kg,", "Y_v_N_s_m or Y_vv",
                   "a.csv: disagree: psi_rad turns 57 times"):  # fmt: skip

@@ -102,8 +102,11 @@ def _held_out(diagnosis: Diagnosis) -> Section:
     errors = diagnosis.held_out.errors
     rows = []
     for e in errors:
-        cells = [f"{e.rms[m]:.3g} ({e.ci95[m][0]:.3g} to {e.ci95[m][1]:.3g})" for m in MODELS]
-        gain = f"{100 * e.gain:.0f} % ({100 * e.gain_ci95[0]:.0f} to {100 * e.gain_ci95[1]:.0f})"
+        if e.blocks > 1:
+            cells = [f"{e.rms[m]:.3g} ({e.ci95[m][0]:.3g} to {e.ci95[m][1]:.3g})" for m in MODELS]
+            gain = f"{100 * e.gain:.0f} % ({100 * e.gain_ci95[0]:.0f} to {100 * e.gain_ci95[1]:.0f})"
+        else:
+            cells, gain = [f"{e.rms[m]:.3g}" for m in MODELS], f"{100 * e.gain:.0f} % (too short to say how sure)"
         rows.append((f"{e.channel} [{CHANNELS[e.channel]}], {e.horizon_s} s", *cells, gain))
     table = ScoreTable(
         ("rms error of readings", "as given", "refitted", "with the causes", "gain over refitted"), tuple(rows)
@@ -118,7 +121,7 @@ def _held_out(diagnosis: Diagnosis) -> Section:
         (likely,),
         tables=(table,),
         figures=(
-            (pictures.held_out(errors), "Open loop under the logged commands; bars: 95 % by bootstrap."),
+            (pictures.held_out(errors), "Open loop under the logged commands; bars: 95 %."),
             (
                 pictures.tracks(diagnosis.held_out.replays),
                 "The window whose error is the median, and one of the worst.",

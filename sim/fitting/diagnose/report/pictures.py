@@ -136,7 +136,7 @@ def tracks(replays: Sequence[Replay]) -> Figure:
 
 
 def held_out(errors: Sequence[OpenLoopError]) -> Figure:
-    """Rms error on held-out logs by channel and horizon, with 95 % intervals."""
+    """Rms error on held-out logs by channel and horizon, with 95 % intervals where there are any."""
     shown = {channel: mine for channel in CHANNELS if (mine := [e for e in errors if e.channel == channel])}
     figure = Figure(figsize=(11, 3.4))
     axes = figure.subplots(1, max(len(shown), 1), squeeze=False, gridspec_kw=GRID | {"bottom": 0.17, "wspace": 0.35})[0]
@@ -145,7 +145,7 @@ def held_out(errors: Sequence[OpenLoopError]) -> Figure:
             at = np.array([HORIZONS_S.index(e.horizon_s) for e in mine]) + 0.27 * (j - 1)
             rms = np.array([e.rms[name] for e in mine])
             ends = np.array([e.ci95[name] for e in mine]).reshape(-1, 2).T
-            spread = np.abs(np.nan_to_num(ends - rms))
+            spread = np.where(np.isfinite(ends).all(axis=0), np.abs(ends - rms), 0.0)
             ax.bar(at, rms, 0.25, yerr=spread, color=LOOK[name], label=LABELS[name], error_kw={"lw": 0.8})
         ax.set_xticks(range(len(HORIZONS_S)), [f"{h} s" for h in HORIZONS_S])
         ax.set_title(f"{channel} [{CHANNELS[channel]}]", fontsize=10)

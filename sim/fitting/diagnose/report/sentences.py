@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sim.fitting.diagnose.job import Diagnosis
-from sim.fitting.diagnose.selection.held_out import HeldOutScore, OpenLoopError
+from sim.fitting.diagnose.selection.held_out import LEAST_BLOCKS, HeldOutScore, OpenLoopError
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
 from sim.fitting.engine.split import DEAD_SENSOR
 
@@ -130,6 +130,12 @@ def gain_sentence(held_out: HeldOutScore, count: int) -> str:
     subject = "this error" if count == 1 else "these errors"
     before, after = error.rms["refit"], error.rms["extended"]
     low, high = (100 * g for g in error.gain_ci95)
+    if low <= 0 <= high and error.blocks < LEAST_BLOCKS:
+        return (
+            f"What was held out is too short to say what removing {subject} is worth: the {SHOWN_S} s position error "
+            f"is {before:.3g} m refitted and {after:.3g} m with the causes, in {error.windows} windows of which "
+            f"{error.blocks} {'counts' if error.blocks == 1 else 'count'} as independent."
+        )
     if low <= 0 <= high or abs(error.gain) < 0.01:
         return (
             f"Removing {subject} changes the {SHOWN_S} s position error on held-out data by little: {before:.3g} m "

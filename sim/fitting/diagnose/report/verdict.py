@@ -26,7 +26,7 @@ OUTDONE = "one kind of function of another nature explains more than all causes 
 FALLEN = "too small, or too unsure, beside the causes that are left"
 HARMFUL = "readings of the held-out logs become worse"
 UNPROVEN = "what is left over puts a form in doubt, and no reading of the held-out logs becomes surely better"
-UNSUPPORTED = "held-out logs are predicted as well without it"
+UNSUPPORTED = "no reading of the held-out logs is surely foretold better with it"
 Adequate = Callable[[PosteriorFit, Selection, Noise | None, Masking, bool], AdequacyJudgement]
 """Adequacy check: of the fit, the selection, the reference log's noise, the masking, whether causes are known."""
 

@@ -8,7 +8,9 @@ the measured ones within the second before the horizon h:
     rms error by channel and horizon;   gain = 1 - rms(extended) / rms(refitted)
 
 Readings are compared, not states, since true states are unknown and a cause may be in a sensor. The noise of the
-readings is in all three alike. Intervals: bootstrap over blocks of `HORIZONS_S[-1]` seconds.
+readings is in all three alike. Intervals: bootstrap over blocks of `HORIZONS_S[-1]` seconds. Fewer than `LEAST_BLOCKS`
+give too few draws; there Student's t over the blocks, by the jackknife on the logarithms of rms and of 1 - gain (Miller
+1974); one block alone leaves them unbounded.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
@@ -38,14 +41,19 @@ WINDOWS_A_RUN = 2.2  # least number of windows in a run; a second at its beginni
 MOST_WINDOWS = 160  # of 20 s: enough for intervals, few enough for an hour's log
 CHANNELS = {"position": "m", "heading": "deg", "yaw_rate": "deg/s", "surge_accel": "m/s^2", "sway_accel": "m/s^2"}
 BOOTSTRAPS = 1000
+LEAST_BLOCKS = 6  # for a bootstrap; assumed
 LATE_S = 0.5  # beginning of a window whose fixes belong to the window before, by latency; assumed
+QUANTILES = (0.025, 0.975)
 SHOWN = (0.5, 0.9)  # quantiles of the position error of the windows in the report
 MODELS = ("base", "refit", "extended")
 
 
 @dataclass(frozen=True)
 class OpenLoopError:
-    """Rms error of one channel at one horizon by model, each with a 95 % interval; gain of extended over refit."""
+    """Rms error of one channel at one horizon by model, each with a 95 % interval; gain of extended over refit.
+
+    From `windows` in `blocks` that count as independent; with one block the intervals are unbounded.
+    """
 
     horizon_s: int
     channel: str
@@ -55,6 +63,7 @@ class OpenLoopError:
     gain: float
     gain_ci95: tuple[float, float]
     windows: int
+    blocks: int
 
 
 @dataclass(frozen=True)
@@ -200,7 +209,7 @@ def _errors(
     found = []
     for channel, unit in CHANNELS.items():
         for horizon in HORIZONS_S:
-            sums, drawn = {}, {}
+            sums, blocks = {}, {}
             windows = 0
             for name, by_channel in squares.items():
                 rows = by_channel[channel]
@@ -212,24 +221,49 @@ def _errors(
                 if not n.sum():
                     break
                 sums[name] = float(np.sqrt(total.sum() / n.sum()))
-                drawn[name] = np.sqrt(draws @ total / np.maximum(draws @ n, 1))
+                blocks[name] = np.column_stack([total, n])
             else:
-                found.append(_error(horizon, channel, unit, sums, drawn, windows))
+                found.append(_error(horizon, channel, unit, sums, blocks, draws, windows))
     return tuple(found)
 
 
 def _error(
-    horizon: int, channel: str, unit: str, rms: dict[str, float], drawn: dict[str, np.ndarray], windows: int
+    horizon: int,
+    channel: str,
+    unit: str,
+    rms: dict[str, float],
+    blocks: Mapping[str, np.ndarray],
+    draws: np.ndarray,
+    windows: int,
 ) -> OpenLoopError:
-    def interval(values: np.ndarray) -> tuple[float, float]:
-        low, high = np.quantile(values, (0.025, 0.975))
-        return float(low), float(high)
-
+    """`blocks` (count, 2): sum of squares and number of readings of each block, by model; `draws`: of the bootstrap."""
+    known = blocks["refit"][:, 1] > 0
+    count = int(known.sum())
     with np.errstate(all="ignore"):
         gain = 1 - rms["extended"] / rms["refit"]
-        gains = np.nan_to_num(1 - drawn["extended"] / drawn["refit"])
-    ci95 = {name: interval(values) for name, values in drawn.items()}
-    return OpenLoopError(horizon, channel, unit, rms, ci95, gain, interval(gains), windows)
+        if count < LEAST_BLOCKS:
+            logs = {name: _left_out(sums[known]) for name, sums in blocks.items()}
+            ends = {name: np.exp(_student(values)) for name, values in logs.items()}
+            low, high = 1 - np.exp(_student(logs["extended"] - logs["refit"]))[::-1]
+        else:
+            drawn = {name: np.sqrt(draws @ s[:, 0] / np.maximum(draws @ s[:, 1], 1)) for name, s in blocks.items()}
+            ends = {name: np.quantile(values, QUANTILES) for name, values in drawn.items()}
+            low, high = np.quantile(np.nan_to_num(1 - drawn["extended"] / drawn["refit"]), QUANTILES)
+    ci95 = {name: (float(e[0]), float(e[1])) for name, e in ends.items()}
+    return OpenLoopError(horizon, channel, unit, rms, ci95, gain, (float(low), float(high)), windows, count)
+
+
+def _left_out(sums: np.ndarray) -> np.ndarray:
+    """log rms of all blocks, then without each: (k + 1,); `sums` (k, 2): sum of squares and number of readings."""
+    without = np.vstack([sums.sum(axis=0), sums.sum(axis=0) - sums])
+    return np.log(without[:, 0] / without[:, 1]) / 2
+
+
+def _student(values: np.ndarray) -> np.ndarray:
+    """95 % interval by Student's t from the jackknife, (2,); `values` (k + 1,): of all k blocks, then without each."""
+    k = len(values) - 1
+    spread = np.sqrt((k - 1) * np.var(values[1:])) if np.isfinite(values).all() and k > 1 else np.inf
+    return values[0] + np.array([-1.0, 1.0]) * stdtrit(max(k - 1, 1), QUANTILES[1]) * spread
 
 
 def _replays(

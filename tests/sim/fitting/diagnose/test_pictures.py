@@ -17,9 +17,11 @@ def _residue(n: int = 200, seed: int = 3) -> ResidualForces:
     return ResidualForces(t, t, np.zeros(n), x, rng.normal(size=(n, 3)), np.ones((n, 3)), rng.normal(size=(n, 3)))
 
 
-def _error(gain_ci95: tuple[float, float], after: float) -> OpenLoopError:
+def _error(
+    gain_ci95: tuple[float, float], after: float, blocks: int = 10, ci95: tuple[float, float] = (0.9, 1.3)
+) -> OpenLoopError:
     rms = {"base": 1.2, "refit": 1.0, "extended": after}
-    return OpenLoopError(10, "position", "m", rms, dict.fromkeys(MODELS, (0.9, 1.3)), 1 - after, gain_ci95, 40)
+    return OpenLoopError(10, "position", "m", rms, dict.fromkeys(MODELS, ci95), 1 - after, gain_ci95, 40, blocks)
 
 
 def test_channels_without_data_have_no_picture():
@@ -61,6 +63,15 @@ def test_gain_is_said_with_its_sign(ci95: tuple[float, float], after: float, sai
     text = gain_sentence(HeldOutScore((_error(ci95, after),), {}, 10, ()), 1)
     assert said in text
     assert ("does not carry over" in text) == (after > 1)
+
+
+def test_one_stretch_has_a_gain_but_no_interval_and_the_summary_says_so():
+    alone = _error((-np.inf, 1.0), 0.8, blocks=1, ci95=(0.0, np.inf))
+    text = gain_sentence(HeldOutScore((alone,), {}, 10, ()), 1)
+    assert text.startswith("What was held out is too short to say what removing this error is worth: ")
+    assert "is 1 m refitted and 0.8 m with the causes, in 40 windows of which 1 counts as independent" in text
+    (ax,) = pictures.held_out([alone]).axes
+    assert ax.get_ylim()[1] < 2.0
 
 
 def test_numbers_without_a_unit():

@@ -39,19 +39,25 @@ class Reference:
 def reference_motion(run: Run, noise: SmootherNoise, max_gap_s: float = 2.5) -> Reference:
     """Reference motion of a run: its truth if it has one, else smoothed with sensor `noise`.
 
-    A smoothed state is unknown further than `max_gap_s` / 2 from every position sample.
+    It is unknown further than `max_gap_s` / 2 from every sample of the truth, or of the position.
     """
     if all(run.known(name) for name in TRUTH):
         t, values = run.samples(*TRUTH)
         grid = t[0] + np.arange(int((t[-1] - t[0]) * RATE_HZ + 1e-9) + 1) / RATE_HZ
         values[:, 2] = np.unwrap(values[:, 2])
-        return Reference(grid, np.column_stack([np.interp(grid, t, c) for c in values.T]), "the simulated truth")
+        x = np.column_stack([np.interp(grid, t, c) for c in values.T])
+        return Reference(grid, _near(x, grid, t, max_gap_s), "the simulated truth")
     smoothed = smooth(run, noise)
     x = np.hstack([smoothed.eta, smoothed.nu])
     t_p = run.samples("north_m", "east_m")[0] - noise.latency_s
-    after = np.searchsorted(t_p, smoothed.t_s).clip(1, len(t_p) - 1)
-    x[np.minimum(np.abs(t_p[after] - smoothed.t_s), np.abs(t_p[after - 1] - smoothed.t_s)) > max_gap_s / 2] = np.nan
-    return Reference(smoothed.t_s, x, "the smoothed measurements")
+    return Reference(smoothed.t_s, _near(x, smoothed.t_s, t_p, max_gap_s), "the smoothed measurements")
+
+
+def _near(x: np.ndarray, t_s: np.ndarray, samples_s: np.ndarray, max_gap_s: float) -> np.ndarray:
+    """`x` (k, 6) at `t_s` (k,), NaN further than `max_gap_s` / 2 from every one of `samples_s`."""
+    after = np.searchsorted(samples_s, t_s).clip(1, len(samples_s) - 1)
+    nearest_s = np.minimum(np.abs(samples_s[after] - t_s), np.abs(samples_s[after - 1] - t_s))
+    return np.where(nearest_s[:, None] > max_gap_s / 2, np.nan, x)
 
 
 @dataclass(frozen=True)

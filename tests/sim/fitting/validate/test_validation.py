@@ -57,6 +57,17 @@ def test_without_truth_the_smoother_is_the_reference_and_gaps_are_unknown(run):
         cut_held_out(Run(plain, run.meta), found, 15.0, inside=[(32.0, 48.0)])
 
 
+def test_where_the_truth_is_blank_nothing_is_judged(run):
+    """20 s without truth: no straight line through them."""
+    hole = pl.col("t_s").is_between(30.0, 50.0)
+    columns = [c for c in run.table.columns if c.startswith("true_")]
+    blank = run.table.with_columns(pl.when(hole).then(None).otherwise(pl.col(c)).alias(c) for c in columns)
+    found, whole = reference_motion(Run(blank, run.meta), NOISE), reference_motion(run, NOISE)
+    known = np.isfinite(found.x).all(axis=1)
+    assert not known[313:487].any() and known[:310].all() and known[490:].all()
+    assert np.array_equal(found.x[:300], whole.x[:300])
+
+
 def test_held_before_anything_was_sent():
     table = pl.DataFrame({"t_s": [0.0, 1.0], "pwm_a": [None, 1600.0], "battery_v": [None, None], "psi_rad": [0.0, 0.0],
                           "r_rad_s": [0.0, 0.0], "ax_m_s2": [0.0, 0.0], "ay_m_s2": [0.0, 0.0],

@@ -31,7 +31,7 @@ from sim.fitting.validate.divergence import Departure, departure
 from sim.fitting.validate.models import TaylorSimulator, VesselSimulator
 from sim.fitting.validate.protocol import Simulator
 from sim.fitting.validate.scores import SpeedBox
-from sim.fitting.validate.study import Validation, validate
+from sim.fitting.validate.study import Validation, judgeable, validate
 from sim.fitting.wiring.levelling import split_levelled
 from sim.fitting.wiring.record import VESSEL, WiringReport
 
@@ -159,10 +159,10 @@ def identify(
 
     Raises JobError, RunError or StructuredFitError (all ValueError) naming the log that cannot be used.
     """
-    # 1. Split the logs; nothing below looks at the held-out parts before step 4. Roll and pitch that follow the
-    #    acceleration are left out.
+    # 1. Split the logs; nothing below looks at the held-out parts before step 4, but whether they can be judged. Roll
+    #    and pitch that follow the acceleration are left out.
     stamps = [Stamp("choices made, before any fit", now())]
-    division = split_levelled(logs, held_out, vessel, choices.block_s)
+    division = judgeable(split_levelled(logs, held_out, vessel, choices.block_s), vessel)
     log_problems = {used.log.name: problems(used.log.run) for used in division.used}
     # 2. Structured fit, and the vessel file with its result.
     step = STEPS[0]

@@ -25,7 +25,7 @@ from sim.fitting.identify.result import COLOURED, FitResult, OpenDirection
 from sim.fitting.identify.vessel_out import written_otherwise
 from sim.fitting.validate.protocol import CHANNELS
 from sim.fitting.validate.scores import Score, best_baseline
-from sim.fitting.validate.study import BASELINE_NAMES, Validation
+from sim.fitting.validate.study import BASELINE_NAMES, NOT_JUDGED, Validation
 from sim.fitting.validate.table import lost_to_baselines
 
 NAMES = {
@@ -49,8 +49,8 @@ NEEDED = (
 """The data must determine one of each group: else the boat's speed or its response to thrust is the prior's."""
 NUISANCE = (*WARP, *(p.name for _, p in SURROUNDINGS))
 """Parameters that are no property of boat or sensors."""
-DOUBTFUL = ("damaged", "edited", "disagree", "not obeyed", "clock jump", DEAD_SENSOR)
-"""Kinds of log problems that can bias a fit unnoticed, or by which it lacks a sensor."""
+DOUBTFUL = ("damaged", "edited", "disagree", "not obeyed", "clock jump", DEAD_SENSOR, NOT_JUDGED)
+"""Kinds of log problems that can bias a fit unnoticed, or by which it or its judgement lacks something."""
 
 
 @dataclass(frozen=True)

@@ -3,21 +3,68 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.apply_sensor_errors import calibrated
+from companion.logs.runs.run import LogProblem
 from companion.logs.runs.splits import HeldOut
 from sim.fitting.engine.smoothing import SmootherNoise
+from sim.fitting.engine.split import JobError, LogUse, NamedLog, Split
 from sim.fitting.validate.models import ConstantVelocity, ZeroVelocity
 from sim.fitting.validate.protocol import Simulator
 from sim.fitting.validate.scores import Score, SpeedBox, score
 from sim.fitting.validate.stability import Stability, stability
-from sim.fitting.validate.windows import HeldOutWindows, Reference, concatenated, cut_held_out, reference_motion
+from sim.fitting.validate.windows import (
+    SHORTEST_S,
+    HeldOutWindows,
+    Reference,
+    concatenated,
+    cut_held_out,
+    reference_motion,
+)
 
+NOT_JUDGED = "not judged"
+"""Kind of the problem that nothing of what was to be held out of a log can be judged."""
 BASELINES = (ConstantVelocity(), ZeroVelocity())
 BASELINE_NAMES = tuple(model.name for model in BASELINES)
+
+
+def judgeable(division: Split, vessel: VesselFile) -> Split:
+    """`division` without what was held out but holds no window to judge models by; such logs are noted.
+
+    Asked before any fit, which takes minutes. JobError where nothing is left to judge by.
+    """
+    outs, used, held_out = iter(division.held_out), [], []
+    why: list[str] = []
+    for use in division.used:
+        out = next(outs) if use.held_out_s else None
+        if out is None:
+            used.append(use)
+        elif not (reason := _unjudgeable(out, vessel)):
+            used.append(use)
+            held_out.append(out)
+        else:
+            why.append(f"{use.log.name}: {reason}")
+            note = LogProblem(kind=NOT_JUDGED, text=f"{reason}; left out")
+            used.append(LogUse(NamedLog(use.log.name, use.log.run.with_notes([note])), use.fitted_s, ()))
+    if not held_out:
+        raise JobError(f"{why[0]}. Hold out another log (--held-out), or other parts (--block)")
+    return replace(division, held_out=tuple(held_out), used=tuple(used))
+
+
+def _unjudgeable(out: HeldOut, vessel: VesselFile) -> str:
+    """Why no window can be cut from what is held out, in words; empty where one can."""
+    run, volts = calibrated(out.run, vessel), vessel.propulsion.nominal_voltage_V
+    try:
+        cut_held_out(
+            run, reference_motion(run, SmootherNoise.of(vessel)), volts, horizon_s=SHORTEST_S, inside=out.inside
+        )
+    except ValueError as error:
+        return str(error).removeprefix(f"{run.meta.source}: ")
+    return ""
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ from sim.fitting.validate.protocol import STEP_S, Commands
 
 BEFORE_S = 2.0
 """Length of the commands before a window, from which a model computes its initial thrust."""
+MAX_GAP_S, SHORTEST_S = 2.5, 10.0
+"""Longest gap in what the reference rests on, and shortest window; assumed."""
 PER_SAMPLE = round(1 / (RATE_HZ * STEP_S))
 """Steps from one sample of the reference to the next."""
 TRUTH = ("true_north_m", "true_east_m", "true_psi_rad", "true_u_m_s", "true_v_m_s", "true_r_rad_s")
@@ -28,36 +30,37 @@ TRUTH = ("true_north_m", "true_east_m", "true_psi_rad", "true_u_m_s", "true_v_m_
 class Reference:
     """Reference motion: `x` (k, 6) [x y psi u v r] at `t_s` (k,), 10 Hz, NaN where unknown; psi unwrapped.
 
-    `source`: where it comes from, as text.
+    `source`: where it comes from, as text; `samples_s`: stamps of the truth or of the positions that it rests on.
     """
 
     t_s: np.ndarray
     x: np.ndarray
     source: str
+    samples_s: np.ndarray
 
 
-def reference_motion(run: Run, noise: SmootherNoise, max_gap_s: float = 2.5) -> Reference:
+def reference_motion(run: Run, noise: SmootherNoise) -> Reference:
     """Reference motion of a run: its truth if it has one, else smoothed with sensor `noise`.
 
-    It is unknown further than `max_gap_s` / 2 from every sample of the truth, or of the position.
+    It is unknown further than `MAX_GAP_S` / 2 from every sample of the truth, or of the position.
     """
     if all(run.known(name) for name in TRUTH):
         t, values = run.samples(*TRUTH)
         grid = t[0] + np.arange(int((t[-1] - t[0]) * RATE_HZ + 1e-9) + 1) / RATE_HZ
         values[:, 2] = np.unwrap(values[:, 2])
         x = np.column_stack([np.interp(grid, t, c) for c in values.T])
-        return Reference(grid, _near(x, grid, t, max_gap_s), "the simulated truth")
+        return Reference(grid, _near(x, grid, t), "the simulated truth", t)
     smoothed = smooth(run, noise)
     x = np.hstack([smoothed.eta, smoothed.nu])
     t_p = run.samples("north_m", "east_m")[0] - noise.latency_s
-    return Reference(smoothed.t_s, _near(x, smoothed.t_s, t_p, max_gap_s), "the smoothed measurements")
+    return Reference(smoothed.t_s, _near(x, smoothed.t_s, t_p), "the smoothed measurements", t_p)
 
 
-def _near(x: np.ndarray, t_s: np.ndarray, samples_s: np.ndarray, max_gap_s: float) -> np.ndarray:
-    """`x` (k, 6) at `t_s` (k,), NaN further than `max_gap_s` / 2 from every one of `samples_s`."""
+def _near(x: np.ndarray, t_s: np.ndarray, samples_s: np.ndarray) -> np.ndarray:
+    """`x` (k, 6) at `t_s` (k,), NaN further than `MAX_GAP_S` / 2 from every one of `samples_s`."""
     after = np.searchsorted(samples_s, t_s).clip(1, len(samples_s) - 1)
     nearest_s = np.minimum(np.abs(samples_s[after] - t_s), np.abs(samples_s[after - 1] - t_s))
-    return np.where(nearest_s[:, None] > max_gap_s / 2, np.nan, x)
+    return np.where(nearest_s[:, None] > MAX_GAP_S / 2, np.nan, x)
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ def cut_held_out(
     *,
     horizon_s: float = 60.0,
     stride_s: float = 5.0,
-    shortest_s: float = 10.0,
+    shortest_s: float = SHORTEST_S,
     inside: Sequence[tuple[float, float]] | None = None,
 ) -> HeldOutWindows:
     """Windows of up to `horizon_s` that start every `stride_s` within each interval of `inside` (None: the whole run).
@@ -101,13 +104,25 @@ def cut_held_out(
                 starts.append(i)
                 ends.append(min(last - 1, i + steps))
     if not starts:
-        raise ValueError(f"{run.meta.source}: no window of {shortest_s:g} s fits into what is held out")
+        why = _why_none(ref, intervals, shortest_s)
+        raise ValueError(f"{run.meta.source}: no window of {shortest_s:g} s fits into what is held out: {why}")
     # 2. Reference motion and commands.
     truth = np.full((len(starts), steps + 1, 6), np.nan)
     for w, (i, j) in enumerate(zip(starts, ends, strict=True)):
         truth[w, : j - i + 1] = ref.x[i : j + 1]
     start_s = ref.t_s[starts]
     return HeldOutWindows(truth[:, 0], truth, _commands(run, start_s, steps * PER_SAMPLE, nominal_v), start_s)
+
+
+def _why_none(ref: Reference, intervals: Sequence[tuple[float, float]], shortest_s: float) -> str:
+    """Why no window fits, in words."""
+    if max(high - low for low, high in intervals) < shortest_s:
+        return "none of its pieces lasts so long"
+    inside = [ref.samples_s[(ref.samples_s >= low) & (ref.samples_s <= high)] for low, high in intervals]
+    steps = np.concatenate([np.diff(t_s) for t_s in inside])
+    if len(steps) and (usual_s := float(np.median(steps))) > MAX_GAP_S:
+        return f"its positions are {usual_s:.3g} s apart, {MAX_GAP_S:g} s at most are needed"
+    return f"its positions (or truth) are silent for more than {MAX_GAP_S:g} s in every {shortest_s:g} s of it"
 
 
 def _commands(run: Run, start_s: np.ndarray, steps: int, nominal_v: float) -> Commands:

@@ -9,13 +9,15 @@ import pytest
 
 from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.engine.smoothing import smooth
+from sim.fitting.engine.split import JobError, NamedLog, split
+from sim.fitting.identify.verdict import DOUBTFUL
 from sim.fitting.taylor.pipeline import held_commands, paper_motion, paper_samples
 from sim.fitting.validate.divergence import divergence_study
 from sim.fitting.validate.figures import divergence, training_log
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.protocol import CHANNELS, STEP_S
 from sim.fitting.validate.report import Section, report
-from sim.fitting.validate.study import HeldOut, validate
+from sim.fitting.validate.study import NOT_JUDGED, HeldOut, judgeable, validate
 from sim.fitting.validate.table import sentences, table
 from sim.fitting.validate.windows import concatenated, cut_held_out, reference_motion
 from tests.sim.fitting.validate.example_vessel import NOISE, VESSEL
@@ -57,13 +59,37 @@ def test_without_truth_the_smoother_is_the_reference_and_gaps_are_unknown(run):
         cut_held_out(Run(plain, run.meta), found, 15.0, inside=[(32.0, 48.0)])
 
 
+def test_what_cannot_be_judged_is_told_before_any_fit_and_left_out_where_other_logs_remain(run):
+    """Held out: positions 3 s apart; a log without any in its last half; both beside a sound log."""
+    plain = run.table.drop([c for c in run.table.columns if c.startswith("true_")])
+    number = plain["north_m"].is_not_null().cast(pl.Int64).cum_sum()
+    every_s = run.rates_hz()["north_m"]
+    kept = {"slow": number % round(3 * every_s) == 0, "lost": pl.col("t_s") < 45.0}
+
+    def thinned(name: str) -> NamedLog:
+        places = [pl.when(kept[name]).then(pl.col(c)).otherwise(None).alias(c) for c in ("north_m", "east_m")]
+        return NamedLog(name, Run(plain.with_columns(places), run.meta))
+
+    sound, more = NamedLog("sound", Run(plain, run.meta)), NamedLog("more", Run(plain[1:], run.meta))
+    with pytest.raises(JobError, match=r"slow: no window of 10 s .* are 3 s apart, 2\.5 s at most .*--held-out"):
+        judgeable(split([sound], [thinned("slow")], VESSEL), VESSEL)
+    with pytest.raises(JobError, match=r"lost: no window .*silent for more than 2\.5 s in every 10 s of it"):
+        judgeable(split([thinned("lost")], [], VESSEL), VESSEL)
+    found = judgeable(split([sound], [thinned("slow"), more], VESSEL), VESSEL)
+    assert [out.run.meta.source for out in found.held_out] == ["more"]
+    _, slow, used = found.used
+    assert used.held_out_s and not slow.held_out_s
+    (note,) = slow.log.run.meta.notes
+    assert note.kind == NOT_JUDGED and note.kind in DOUBTFUL and note.text.endswith("at most are needed; left out")
+
+
 def test_where_the_truth_is_blank_nothing_is_judged(run):
     """20 s without truth: no straight line through them."""
     hole = pl.col("t_s").is_between(30.0, 50.0)
     columns = [c for c in run.table.columns if c.startswith("true_")]
     blank = run.table.with_columns(pl.when(hole).then(None).otherwise(pl.col(c)).alias(c) for c in columns)
     found, whole = reference_motion(Run(blank, run.meta), NOISE), reference_motion(run, NOISE)
-    known = np.isfinite(found.x).all(axis=1)
+    known = np.isfinite(found.x[:, 0])
     assert not known[313:487].any() and known[:310].all() and known[490:].all()
     assert np.array_equal(found.x[:300], whole.x[:300])
 

@@ -49,7 +49,8 @@ def part(run: Run, low_s: float, high_s: float, history_s: float = HISTORY_S) ->
     inside = run.table[int(first) : int(last)]
     if not any(inside[c].null_count() < len(inside) for c in run.sampled):
         raise RunError(f"{source}: nothing is measured there; the run is from {t_s[0]:g} to {t_s[-1]:g} s")
-    before = run.table[begin : int(first)]
+    held = pl.col([c for c in run.table.columns if c.startswith(HELD)])
+    before = run.table[: int(first)].with_columns(held.forward_fill())[begin:]
     before = before.filter(_changed(before)).with_columns(pl.lit(None, pl.Float64).alias(c) for c in run.sampled)
     return Run(pl.concat([before, inside]), replace(run.meta, source=source), run.whole)
 

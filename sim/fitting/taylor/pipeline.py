@@ -20,6 +20,7 @@ from companion.core.geometry.frames import R2, point_acceleration
 from companion.logs.runs.on_time import on_time
 from companion.logs.runs.run import Run
 from sim.fitting.engine.smoothing import RATE_HZ, Smoothed, SmootherNoise, binned
+from sim.fitting.engine.thrust.battery import held_inputs
 from sim.fitting.engine.thrust.forces import body_forces, settings_at
 from sim.fitting.taylor.abkowitz import KGF_N
 from sim.fitting.taylor.differences import derivative
@@ -72,14 +73,12 @@ def held_commands(run: Run, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Before the first stamp: neutral, and the first voltage. NaN volts where the run has none.
     """
-    names = [f"pwm_{name}" for name in run.thrusters]
-    stamps, pwm = run.samples(*names)
-    pwm = np.vstack([np.full((1, len(names)), float(NEUTRAL_US)), pwm.reshape(len(stamps), len(names))])
-    volt_stamps, volts = run.samples("battery_v")
-    if not len(volts):
-        volt_stamps, volts = np.zeros(1), np.full(1, np.nan)
-    at = np.searchsorted(volt_stamps, t_s + 1e-9, side="right") - 1
-    return pwm[np.searchsorted(stamps, t_s + 1e-9, side="right")], volts[np.maximum(at, 0)]
+    stamps, pwm, volts = held_inputs(run, run.thrusters)
+    if volts is None or not len(volts):
+        volts = np.full(max(len(stamps), 1), np.nan)
+    after = np.searchsorted(stamps, t_s + 1e-9, side="right")
+    pwm = np.vstack([np.full((1, pwm.shape[1]), float(NEUTRAL_US)), pwm])
+    return pwm[after], volts[np.maximum(after - 1, 0)]
 
 
 def forces_kgf(run: Run, vessel: VesselFile, t_s: np.ndarray) -> np.ndarray:

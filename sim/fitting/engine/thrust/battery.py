@@ -9,9 +9,11 @@ b comes from the run itself: changes of V from sample to sample against changes 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import polars as pl
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import PitchMap, RotorMap, VesselFile
@@ -38,12 +40,21 @@ class PulseSeries:
 
 def pulses_of(run: Run, vessel: VesselFile) -> PulseSeries:
     """Those of the thrusters of `vessel`."""
-    names = [f"pwm_{t.name}" for t in vessel.thrusters]
-    volts = ["battery_v"] if run.known("battery_v") else []
-    t_s, values = run.samples(*names, *volts)
-    values = values.reshape(len(t_s), len(names) + len(volts))
-    pwm = values[:, : len(names)]
-    return PulseSeries(t_s, pwm, values[:, -1] if volts else None, settings_at(run, t_s))
+    t_s, pwm, volts = held_inputs(run, [t.name for t in vessel.thrusters])
+    return PulseSeries(t_s, pwm, volts, settings_at(run, t_s))
+
+
+def held_inputs(run: Run, thrusters: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Stamps (k,) [s], pulse widths (k, n) and voltages (k,), None without any, of the rows once all pulses are known.
+
+    Each is in force until its next: a blank cell, as where the voltage comes once a second, takes away no command.
+    Before its first sample the voltage is that one.
+    """
+    names = [f"pwm_{name}" for name in thrusters]
+    held = run.table.select("t_s", pl.col(*names, "battery_v").forward_fill())
+    held = held.with_columns(pl.col("battery_v").backward_fill()).drop_nulls(names)
+    volts = held["battery_v"].to_numpy() if run.known("battery_v") else None
+    return held["t_s"].to_numpy(), held.select(names).to_numpy(), volts
 
 
 def commands_of(pulses: PulseSeries, vessel: VesselFile) -> ThrustCommands:

@@ -49,6 +49,24 @@ def test_commands_and_voltage_are_as_in_the_whole_run(low, length):
         assert np.array_equal(mine, whole)
 
 
+def test_cells_that_are_blank_between_two_samples_take_away_no_command(run):
+    """Voltage every five seconds, one thruster's pulses where they change, in a whole log and in a part of it."""
+    column = f"pwm_{VESSEL.thrusters[0].name}"
+    stays = pl.col(column) == pl.col(column).shift(1)
+    known = (pl.col("t_s") % 5.0).diff().fill_null(-1.0) < 0
+    volts = pl.when(known).then(pl.col("battery_v")).otherwise(None)
+    pulses = pl.when(stays).then(None).otherwise(pl.col(column))
+    sparse = Run(run.table.with_columns(volts.alias("battery_v"), pulses.alias(column)), run.meta)
+    every = Run(sparse.table.with_columns(pl.col("battery_v").forward_fill(), run.table[column]), run.meta)
+    at = np.arange(run.commands()[0][0] + 1e-6, 59.0, 0.05)
+    for given_, filled in ((sparse, every), (part(sparse, 33.0, 50.0), part(every, 33.0, 50.0))):
+        for mine, other in zip(held_commands(given_, at), held_commands(filled, at), strict=True):
+            assert np.array_equal(mine, other)
+        forces = [ThrustHistory(commands_of(pulses_of(r, VESSEL), VESSEL), 0.1, 0.1) for r in (given_, filled)]
+        assert np.array_equal(forces[0].force(at), forces[1].force(at))
+    assert len(pulses_of(sparse, VESSEL).t_s) == len(pulses_of(run, VESSEL).t_s) > 100
+
+
 @settings(max_examples=50, deadline=None)
 @given(block_s=st.floats(0.5, 60.0))
 def test_blocks_hold_every_row_once(block_s):

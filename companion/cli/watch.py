@@ -93,6 +93,8 @@ def _print(outcome: Outcome, history: History, console: Console) -> None:
 
     for text in outcome.unusable:
         line(f"left out: {text}", "bold yellow")
+    for text in outcome.in_part:
+        line(f"known already: {text}", "bold yellow")
     known = f", {len(outcome.known)} known already" if outcome.known else ""
     line(f"{len(outcome.taken)} logs taken in{known}; {len(history.entries)} missions in {history.folder}")
     if outcome.course is None:

@@ -22,6 +22,7 @@ from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.part import log_parts
+from companion.logs.runs.fingerprint import overlap
 from sim.commission.watch.mission_fit import MissionInformation
 from sim.whole_file import write_whole
 
@@ -32,7 +33,10 @@ MARK = "# Made anew by `aritra watch`; sha256 of all below this line: "
 
 
 class MissionEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """One log: its file, SHA-256 of file and data, begin [Unix s], duration [s], and what it says of the boat."""
+    """One log: its file, SHA-256 of file and data, begin [Unix s], duration [s], and what it says of the boat.
+
+    `marks`: fingerprint of its positions; none in entries that older versions wrote.
+    """
 
     format: int = FORMAT
     log: str
@@ -46,6 +50,7 @@ class MissionEntry(msgspec.Struct, frozen=True, kw_only=True):
     day: dict[str, float]
     latent: tuple[float, float, float]
     thrust: tuple[float, float, float]
+    marks: tuple[int, ...] = ()
 
     def information(self) -> MissionInformation:
         """What the log says."""
@@ -91,6 +96,10 @@ class History:
     def holds_data(self, sha256: str) -> bool:
         """Whether a log with these data has been taken in, from whatever file."""
         return any(e.data_sha256 == sha256 for e in self.entries)
+
+    def overlapping(self, marks: np.ndarray) -> str:
+        """The log in the history that shares positions with one of the fingerprint `marks`; empty where none does."""
+        return next((e.log for e in self.entries if overlap(np.array(e.marks, dtype=np.uint64), marks)), "")
 
     def add(self, entry: MissionEntry) -> None:
         """Keep an entry, on disk before it returns. Raises OSError."""

@@ -17,6 +17,7 @@ from companion.core.configuration.site_file import Site
 from companion.core.configuration.tables import ConfigError
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.readers.read_run import ReadOptions, read_run
+from companion.logs.runs.fingerprint import fingerprint
 from companion.logs.runs.run import Run
 from sim.commission.watch.causes import Watched, watched
 from sim.commission.watch.course import BoatCourse, course
@@ -45,6 +46,7 @@ Say = Callable[[str, float], None]
 class Outcome:
     """What a watch did: names of logs taken in, of those known already, and why others could not be used.
 
+    `in_part`: of the known ones, those that share positions with another log of the history, in words.
     `course`: None without any log; `told`: changes that were not told before; `in_force`: name of the vessel file in
     force, `since`: its first mission (index).
     """
@@ -52,6 +54,7 @@ class Outcome:
     taken: tuple[str, ...]
     known: tuple[str, ...]
     unusable: tuple[str, ...]
+    in_part: tuple[str, ...]
     course: BoatCourse | None
     told: tuple[int, ...]
     in_force: str
@@ -67,7 +70,7 @@ def watch(
         raise ConfigError(f"{proposed}: was changed by hand; move it away, it is made anew")
     found = course_of(history)
     old = _changes(history, found)
-    taken, known, unusable = [], [], []
+    taken, known, unusable, in_part = [], [], [], []
     for i, path in enumerate(logs):
         say(path.name, i / len(logs))
         try:
@@ -75,8 +78,9 @@ def watch(
         except UNUSABLE as error:
             unusable.append(_why(path, error))
             continue
-        if entry is None:
+        if not isinstance(entry, MissionEntry):
             known.append(str(path))
+            in_part += [entry] if entry else []
             continue
         history.add(entry)
         taken.append(str(path))
@@ -85,7 +89,7 @@ def watch(
     last = history.accepted[-1] if history.accepted else None
     since = sum(last is not None and entry.begin_unix_s <= last.until_unix_s for entry in history.entries)
     in_force = last.file if last else VESSEL
-    outcome = Outcome(tuple(taken), tuple(known), tuple(unusable), found, told, in_force, since)
+    outcome = Outcome(tuple(taken), tuple(known), tuple(unusable), tuple(in_part), found, told, in_force, since)
     if found:
         write_whole(proposed, marked(proposal(history, found)).encode())
         write_whole(history.folder / PAGE, history_page(history, found, since, in_force).encode())
@@ -136,14 +140,17 @@ def _changes(history: History, found: BoatCourse | None) -> list[tuple[str, str]
     return [(change.cause.name, history.entries[change.told].data_sha256) for change in changes]
 
 
-def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | None:
-    """What the log says; None where it is in the history already."""
+def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | str:
+    """What the log says; where it is in the history already a sentence if only a part of it is, or nothing."""
     content = file_sha256(path)
     if history.holds_file(content):
-        return None
+        return ""
     run = read_run(path, ReadOptions(history.vessel, site))
     if history.holds_data(run.data_hash):
-        return None
+        return ""
+    marks = fingerprint(run)
+    if other := history.overlapping(marks):
+        return f"{path}: one recording with {other}, which is in the history: not taken in again"
     begin_s = _begin_unix_s(path, run, history.vessel.name)
     found = mission_information(run, history.vessel)
     if not np.isfinite(found.precision).all() or not np.isfinite(found.eta).all():
@@ -151,7 +158,7 @@ def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | No
     return MissionEntry(
         log=str(path), file_sha256=content, data_sha256=run.data_hash, begin_unix_s=begin_s, duration_s=run.duration_s,
         names=found.names, precision=found.precision.tolist(), eta=found.eta.tolist(), day=dict(found.day),
-        latent=found.latent, thrust=found.thrust,
+        latent=found.latent, thrust=found.thrust, marks=tuple(marks.tolist()),
     )  # fmt: skip
 
 

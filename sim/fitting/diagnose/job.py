@@ -42,7 +42,7 @@ from sim.fitting.diagnose.selection.search import search_causes
 from sim.fitting.diagnose.selection.smoothed_logs import ModelUnderTest
 from sim.fitting.diagnose.vessel_edits.refitted_vessel import ReportedCause, VesselFiles, refit, vessel_with_causes
 from sim.fitting.engine.noise import Noise
-from sim.fitting.engine.split import NamedLog, Split, split_at_pauses, usable
+from sim.fitting.engine.split import NamedLog, Split, reject_overlap, split_at_pauses, usable
 from sim.fitting.engine.windows import usable_fixes
 from sim.fitting.wiring.levelling import split_levelled, unlevelled
 from sim.fitting.wiring.record import WiringReport
@@ -149,6 +149,8 @@ def diagnose(
     # 1. Data, noise of the reference log, catalogue.
     begun = clock()
     data = data_of(runs, held_out, vessel, block_s)
+    if reference is not None:
+        reject_overlap(_logs([*runs, *held_out, reference]))
     ambient = _ambient(reference, vessel, say) if reference is not None else None
 
     entries = without_effects(catalogue(vessel, data.fitted, tuple(more(vessel)), data.clock), without)

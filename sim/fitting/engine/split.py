@@ -13,12 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import polars as pl
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.fingerprint import fingerprint, overlap
 from companion.logs.runs.problems import dead_columns
 from companion.logs.runs.run import LogProblem, Run, RunError
 from companion.logs.runs.splits import HeldOut, Interval, alternate, length_s, parts, recording_intervals, tail
@@ -88,11 +90,7 @@ def split(
     if not logs:
         raise JobError("no log to fit")
     logs, held_out = [usable(log, vessel) for log in logs], [usable(log, vessel) for log in held_out]
-    seen: dict[str, str] = {}
-    for log in (*logs, *held_out):
-        if other := seen.get(log.run.data_hash):
-            raise JobError(f"{log.name}: holds the same data as {other}; name each log once")
-        seen[log.run.data_hash] = log.name
+    reject_overlap([*logs, *held_out])
     if held_out:
         used = [LogUse(_long(log, LEAST_FIT_S, "to fit"), (_all(log),), ()) for log in logs]
         used += [LogUse(_long(log, LEAST_HELD_OUT_S, "to be held out"), (), (_all(log),)) for log in held_out]
@@ -112,6 +110,19 @@ def split(
     fitted = [run for u in used for run in parts(u.log.run, u.fitted_s)]
     out = [HeldOut(u.log.run, None if u.held_out_s == (_all(u.log),) else u.held_out_s) for u in used if u.held_out_s]
     return Split(tuple(fitted), tuple(out), tuple(used), rule)
+
+
+def reject_overlap(logs: Sequence[NamedLog]) -> None:
+    """Raise JobError naming two logs of which one holds the other's data, or a part of it."""
+    seen = [(log.name, log.run.data_hash, fingerprint(log.run)) for log in logs]
+    for (other, other_hash, other_marks), (name, data_hash, marks) in combinations(seen, 2):
+        if data_hash == other_hash:
+            raise JobError(f"{name}: holds the same data as {other}; name each log once")
+        if overlap(other_marks, marks):
+            raise JobError(
+                f"{name}: holds positions of {other}: one is a part of the other, or both are of one recording; name "
+                "logs that have nothing in common"
+            )
 
 
 def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:

@@ -5,14 +5,19 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+import polars as pl
 import pytest
 
 from companion.boat.load_run import EXAMPLES
 from companion.core.configuration.tables import ConfigError
 from companion.core.model.load_vessel import load_vessel
+from companion.logs.readers.table import read_csv, write_run
+from companion.logs.runs.fingerprint import fingerprint
+from companion.logs.runs.run import Run, RunMeta
 from sim.commission.watch import job
 from sim.commission.watch.history import LOGS, PROPOSED, History, MissionEntry, changed_by_hand, marked
 from sim.commission.watch.mission_fit import boat_effects
+from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
 
 TEXT = (EXAMPLES / "boats" / "aritra.toml").read_text()
@@ -114,6 +119,25 @@ def test_the_proposed_file_has_what_is_believed_and_loads(tmp_path):
     gains = {t.name: t.gain for t in proposed.thrusters}
     assert gains["front_port"] == pytest.approx(1.03, abs=0.01)
     assert gains["rear_port"] == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_part_of_a_log_that_is_known_is_no_new_mission_and_is_told(tmp_path, monkeypatch):
+    """A cut of it under another name, on a clock of its own; another log is taken in."""
+    run = teleop_run(VESSEL, 3, 60.0)
+    history = begun(tmp_path / "history")
+    history.add(msgspec.structs.replace(entry(1), marks=tuple(fingerprint(run).tolist())))
+    cut, other = tmp_path / "cut.csv", tmp_path / "other.csv"
+    later = run.table.filter(pl.col("t_s") >= 30.0).with_columns(pl.col("t_s") - 30.0)
+    write_run(Run(later, RunMeta()), cut)
+    write_run(Run(teleop_run(VESSEL, 4, 60.0).table, RunMeta()), other)
+    said = entry(2).information()
+    monkeypatch.setattr(job, "mission_information", lambda *_: said)
+    outcome = job.watch(history, [cut, other])
+    assert (outcome.known, outcome.taken, outcome.unusable) == ((str(cut),), (str(other),), ())
+    assert outcome.in_part == (f"{cut}: one recording with day1.mcap, which is in the history: not taken in again",)
+    again = History(history.folder, VESSEL, TEXT)
+    assert again.overlapping(fingerprint(read_csv(other))) == str(other)
+    assert not begun(tmp_path / "old", 1).overlapping(fingerprint(run)), "an entry of an older version has no marks"
 
 
 def test_a_proposed_file_that_somebody_has_changed_is_left_alone(tmp_path):

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import HISTORY_S, part, recording_intervals
+from sim.fitting.diagnose.job import diagnose
 from sim.fitting.diagnose.posterior.clock import LogClock
 from sim.fitting.diagnose.preparation.subsampling import LONGEST_S, PIECE_S, subsample
 from sim.fitting.engine.split import PIECE_S as SHORTEST_S
@@ -63,9 +64,12 @@ SPACED = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
 
 
 def thin(seconds: float, source: str = "thin") -> Run:
-    """A log of the example boat with rows at 2 Hz, positions at 1 Hz; commands change every ten seconds."""
+    """A log of the example boat with rows at 2 Hz, positions at 1 Hz; commands change every ten seconds.
+
+    Logs of other names are in other places.
+    """
     t = np.arange(round(2 * seconds)) / 2
-    second = np.where(np.arange(len(t)) % 2 == 0, 1.0, np.nan)
+    second = np.where(np.arange(len(t)) % 2 == 0, float(len(source)), np.nan)
     pulses = {f"pwm_{thruster.name}": 1500 + 10.0 * (t // 10 % 20) for thruster in VESSEL.thrusters}
     values = (np.sin(0.05 * t), 0.05 * np.cos(0.05 * t), 0.01 * np.cos(t), 0.01 * np.sin(t), second + t / 50, second)
     columns = {"t_s": t, **pulses, "battery_v": np.full(len(t), 15.5), **dict(zip(SPACED, values, strict=True))}
@@ -179,3 +183,13 @@ def test_nothing_left_between_pauses_is_refused_by_name():
         whole(with_gaps(thin(300.0), *pauses), held_out=thin(60.0, "other"))
     with pytest.raises(JobError, match="log: nothing of it can be fitted: a piece needs 10 s with heading"):
         whole(blank(blank(thin(240.0), 0.0, 60.0, "psi_rad"), 120.0, 180.0, "psi_rad"), block_s=60.0)
+
+
+def test_a_reference_that_is_a_part_of_what_is_diagnosed_is_refused_by_name():
+    """It would show the fault itself as the boat's everyday noise."""
+    log = thin(300.0, "log")
+    cut = Run(log.table.filter(pl.col("t_s") > 100.0), replace(log.meta, source="calm"))
+    with pytest.raises(JobError, match="calm: holds positions of log"):
+        diagnose([log], VESSEL, reference=cut)
+    with pytest.raises(JobError, match="calm: holds the same data as log"):
+        diagnose([log], VESSEL, reference=Run(log.table, cut.meta))

@@ -88,8 +88,10 @@ def test_thrusters_are_put_into_the_vessel_files_order(run):
         (lambda r: ([short(r, 45.0)], []), r"log0: 45\.0 s; 50 s are the least when its last part is held out"),
         (lambda r: ([with_pause(short(r, 45.0), 20.0)], []), r"log0: 45\.0 s beside 1 pauses of the recording; 50 s"),
         (lambda r: ([short(r, 25.0)], [teleop_run(VESSEL, 9, 40.0)]), r"log0: 25\.0 s; 30 s are the least to fit"),
-        (lambda r: ([r], [short(r, 15.0)]), r"log1: 15\.0 s; 20 s are the least to be held out"),
+        (lambda r: ([r], [teleop_run(VESSEL, 9, 15.0)]), r"log1: 1\d\.\d s; 20 s are the least to be held out"),
         (lambda r: ([r], [r]), r"log1: holds the same data as log0"),
+        (lambda r: ([r], [later(r, 50.0)]), r"log1: holds positions of log0: one is a part of the other"),
+        (lambda r: ([later(r, 30.0), short(r, 50.0)], []), r"log1: holds positions of log0"),
         (lambda r: ([r, r], []), r"log1: holds the same data as log0"),
     ],
 )  # fmt: skip
@@ -102,7 +104,7 @@ def test_what_cannot_be_used_is_named(run, make, words):
 
 def test_accelerations_that_are_zero_throughout_are_blank_and_looked_at(run):
     """A log without an IMU whose columns were filled with zeros."""
-    zeros = changed(run, ax_m_s2=pl.lit(0.0), ay_m_s2=pl.lit(0.0))
+    zeros = changed(teleop_run(VESSEL, 9, 80.0), ax_m_s2=pl.lit(0.0), ay_m_s2=pl.lit(0.0))
     division = split([NamedLog("a.csv", run), NamedLog("b.csv", zeros)], [], VESSEL)
     assert [used.log.run.known("ax_m_s2") for used in division.used] == [True, False]
     assert not any(piece.known("ay_m_s2") for piece in division.fitted[1:])
@@ -131,7 +133,9 @@ def test_a_pause_of_the_recording_is_neither_fitted_nor_counted(run):
     about = dict(found.about(VESSEL))
     assert (about["Logs"], about["Of them"]) == ("a.csv (80 s)", "60 s fitted, 20 s held out")
     assert "cut where the recording paused (1 times)" in found.rule
-    held_out = split([NamedLog("b.csv", run)], [NamedLog("a.csv", paused)], VESSEL).held_out[0].inside
+    held_out = (
+        split([NamedLog("b.csv", teleop_run(VESSEL, 9, 80.0))], [NamedLog("a.csv", paused)], VESSEL).held_out[0].inside
+    )
     assert np.array(held_out) == pytest.approx(np.array([(0.0, 30.0), (330.0, 380.0)]), abs=0.1)
 
 
@@ -146,6 +150,11 @@ def test_a_log_of_ours_has_the_vessel_files_thrusters(tmp_path):
     run = read_run(record(tmp_path / "run.mcap", simulated()), ReadOptions(VESSEL))
     with pytest.raises(JobError, match=r"run\.mcap: 1\d\.\d s; 50 s are the least"):
         split([NamedLog("run.mcap", run)], [], VESSEL)
+
+
+def later(run: Run, begin_s: float) -> Run:
+    """From `begin_s` on, on a clock that begins at 0 again."""
+    return Run(run.table.filter(pl.col("t_s") >= begin_s).with_columns(pl.col("t_s") - begin_s), RunMeta())
 
 
 def short(run: Run, seconds: float) -> Run:

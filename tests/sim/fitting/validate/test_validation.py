@@ -20,6 +20,7 @@ from sim.fitting.validate.report import Section, report
 from sim.fitting.validate.study import NOT_JUDGED, HeldOut, judgeable, validate
 from sim.fitting.validate.table import sentences, table
 from sim.fitting.validate.windows import concatenated, cut_held_out, reference_motion
+from sim.world.teleop_log import teleop_run
 from tests.sim.fitting.validate.example_vessel import NOISE, VESSEL
 from tests.support.vessel_fixtures import boat
 
@@ -70,7 +71,8 @@ def test_what_cannot_be_judged_is_told_before_any_fit_and_left_out_where_other_l
         places = [pl.when(kept[name]).then(pl.col(c)).otherwise(None).alias(c) for c in ("north_m", "east_m")]
         return NamedLog(name, Run(plain.with_columns(places), run.meta))
 
-    sound, more = NamedLog("sound", Run(plain, run.meta)), NamedLog("more", Run(plain[1:], run.meta))
+    other = teleop_run(VESSEL, 6, 90.0)
+    sound, more = NamedLog("sound", other), NamedLog("more", teleop_run(VESSEL, 5, 40.0))
     with pytest.raises(JobError, match=r"slow: no window of 10 s .* are 3 s apart, 2\.5 s at most .*--held-out"):
         judgeable(split([sound], [thinned("slow")], VESSEL), VESSEL)
     with pytest.raises(JobError, match=r"lost: no window .*silent for more than 2\.5 s in every 10 s of it"):

@@ -48,8 +48,8 @@ def levelling_nats(run: Run) -> float:
 
 def other() -> Run:
     """Another log of the same boat."""
-    run = followed()
-    return Run(run.table.filter(pl.col("t_s") > 30.0), run.meta)
+    elsewhere = {c: pl.col(c) + 100.0 for c in ("north_m", "east_m")}
+    return Run(followed().table.filter(pl.col("t_s") > 30.0).with_columns(**elsewhere), followed().meta)
 
 
 def rolling(run: Run, degrees: float) -> Run:

@@ -34,6 +34,7 @@ from sim.commission.causes import Causes, causes
 from sim.commission.journal import INTERRUPTED, LOG, FlightJournal, FlightRecord, stage_of
 from sim.commission.proof import Proof, driven, proof
 from sim.commission.stages import PROVEN, SIGNS, STAGES, Stage, propose
+from sim.fitting.engine.parameters import WARP
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.excite.design import gain_nats
 from sim.fitting.excite.information import indices_of_interest
@@ -280,7 +281,8 @@ def news(before: BoatBelief, after: BoatBelief) -> list[str]:
         lines.append(f"no fit yet: {after.problem}")
     if after.fit is not None:
         gained = gain_nats(before.known, after.known, indices_of_interest(after.vessel))
-        still = [p.name for p in after.fit.parameters if not p.determined and not p.name.startswith("warp_")]
+        no_matter = (*WARP, *after.fit.held)
+        still = [p.name for p in after.fit.parameters if not p.determined and p.name not in no_matter]
         lines.append(f"{gained:.1f} nats learnt of hull and thrusters")
         lines.append(f"not determined: {', '.join(still)}" if still else "every parameter is determined")
     return lines

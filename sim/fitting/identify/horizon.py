@@ -44,6 +44,8 @@ KNOWN_S = 0.5  # states further than this from every position sample are not com
 FIRST_SHARE = 0.3  # first guess of sigma, as a share of the change of state over the horizon
 ENOUGH = 0.05  # predicted decrease [nats] of a last step
 FARTHEST = 3.0  # longest step, in sigmas of the prior
+HELD = (*SENSORS, *WARP)
+"""Parameters that are held at the file's values: poses do not determine them."""
 CHANNELS = ("north", "east", "psi", "u", "v", "r")
 Say = Callable[[str, float], None]
 
@@ -221,6 +223,6 @@ def error_sigma(error: np.ndarray) -> np.ndarray:
 
 
 def with_tag_fixed(parameters: Parameters) -> Parameters:
-    """The parameters with the tag's latency, place and warp fixed at the file's values: poses do not determine them."""
-    fixed = dict.fromkeys((*SENSORS, *WARP), (None, 0.0))
+    """The parameters with the tag's latency, place and warp fixed (`HELD`)."""
+    fixed = dict.fromkeys(HELD, (None, 0.0))
     return replace(parameters, overrides={**fixed, **(parameters.overrides or {})})

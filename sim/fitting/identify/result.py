@@ -21,7 +21,7 @@ from sim.fitting.engine.noise import OFFSET
 from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.units import unit_of
 from sim.fitting.identify.horizon import CHANNELS as ERROR_NAMES
-from sim.fitting.identify.horizon import HORIZON_S, HorizonFit, horizon_target, with_tag_fixed
+from sim.fitting.identify.horizon import HELD, HORIZON_S, HorizonFit, horizon_target, with_tag_fixed
 from sim.fitting.identify.horizon import solve as solve_horizon
 from sim.fitting.identify.structured_fit import WINDOWS_S, FitPoint, FitSettings, Say, StructuredFit, solve
 
@@ -102,6 +102,11 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
     def q(self) -> np.ndarray:
         """Values in the order of `Parameters.names`."""
         return np.array([p.value for p in self.parameters])
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Names of parameters that the method holds at the file's values: no data would determine them by it."""
+        return HELD if self.horizon_s else ()
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of that name; KeyError where there is none."""

@@ -21,7 +21,7 @@ from sim.fitting.identify.advice import advice
 from sim.fitting.identify.chosen_fit import ChosenFit
 from sim.fitting.identify.plausible import implausible
 from sim.fitting.identify.refinements import TEXTS
-from sim.fitting.identify.result import COLOURED, FitResult, OpenDirection
+from sim.fitting.identify.result import COLOURED, Estimate, FitResult, OpenDirection
 from sim.fitting.identify.vessel_out import written_otherwise
 from sim.fitting.validate.protocol import CHANNELS
 from sim.fitting.validate.scores import Score, best_baseline
@@ -113,8 +113,13 @@ def relative_error(score: Score, scores: Sequence[Score]) -> float:
 
 
 def _undetermined(structured: FitResult) -> list[str]:
-    """Names of parameters of boat and sensors that the data leave open."""
-    return [p.name for p in structured.parameters if not p.determined and p.name not in NUISANCE]
+    """Names of parameters of boat and sensors that the data leave open, of those that the method fits."""
+    return [p.name for p in _of_boat(structured) if not p.determined]
+
+
+def _of_boat(structured: FitResult) -> list[Estimate]:
+    """Estimates of boat and sensors that the method fits."""
+    return [p for p in structured.parameters if p.name not in (*NUISANCE, *structured.held)]
 
 
 def common_scale(structured: FitResult) -> OpenDirection | None:
@@ -165,9 +170,11 @@ def _distances(validation: Validation, errors: Mapping[str, float]) -> list[str]
 
 def _open(structured: FitResult) -> list[str]:
     """Sentences on undetermined parameters, and on the common scale of forces and inertias."""
-    boat, left = [p for p in structured.parameters if p.name not in NUISANCE], _undetermined(structured)
+    boat, left = _of_boat(structured), _undetermined(structured)
     line = f"The data determine {len(boat) - len(left)} of {len(boat)} parameters of boat and sensors"
     lines = [f"{line}; open: {', '.join(left)}." if left else f"{line}."]
+    if held := [name for name in structured.held if name not in NUISANCE]:
+        lines.append(f"Held at the vessel file's values by this method, multi-step output error: {', '.join(held)}.")
     if (scale := common_scale(structured)) is not None and scale.share_of_prior > 0.9:
         gains = [p for p in structured.parameters if p.name.startswith("gain_")]
         width = max((p.ci95[1] - p.ci95[0]) / 2 / p.value for p in gains)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sim.fitting.engine.parameters import WARP
 from sim.fitting.identify.job import Identification
 from sim.fitting.identify.report.figures import parameters
 from sim.fitting.identify.report.tables import (
@@ -71,7 +72,8 @@ def _what_to_drive(identification: Identification) -> Section:
 
 
 def _parameters(identification: Identification) -> Section:
-    open_ones = [d for d in identification.structured.directions if not next(iter(d.parts)).startswith("warp_")]
+    no_matter = (*WARP, *identification.structured.held)
+    open_ones = [d for d in identification.structured.directions if next(iter(d.parts)) not in no_matter]
     lines = [_direction(d) for d in open_ones[:4]]
     return Section(
         "Structured model: parameters",

@@ -45,7 +45,7 @@ def parameter_table(result: FitResult, model: VesselFile, settings: FitSettings)
                 ("**{}**" if outside else "{}").format(f"{band[0]:.2g} to {band[1]:.2g}") if band else "",
                 "" if prime is None else _digits(prime),
                 share,
-                "yes" if p.determined else "**no**",
+                "held at the file's value" if p.name in result.held else "yes" if p.determined else "**no**",
             )
         )
     head = (

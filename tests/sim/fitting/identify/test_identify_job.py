@@ -1,5 +1,6 @@
 """Identification without files: the split, the verdict, errors for logs that cannot be used."""
 
+import dataclasses
 from itertools import count
 from unittest.mock import ANY
 
@@ -15,6 +16,7 @@ from sim.fitting.engine.parameters import WARP, Parameters, file_values
 from sim.fitting.engine.split import JobError, NamedLog, split
 from sim.fitting.identify.advice import MANOEUVRES, advice
 from sim.fitting.identify.chosen_fit import ChosenFit
+from sim.fitting.identify.report.tables import parameter_table
 from sim.fitting.identify.result import Estimate, FitResult, ResidualChannel, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
 from sim.fitting.identify.verdict import NAMES, NEEDED, relative_error, verdict
@@ -241,6 +243,23 @@ def test_everything_that_must_be_looked_at_is_said():
         assert words in text
     assert "Y_r" not in text and "idle" not in text
     assert "open: M22_kg, Y_v_N_s_m, Y_r_N_s, Y_vv_N_s2_m2" in " ".join(found.lines)
+
+
+def test_what_the_method_holds_is_not_open_and_nobody_is_sent_to_sea_for_it():
+    """Multi-step output error holds latency and place of the tag; the fit of windows does not."""
+    open_ones = ("lag_s", "uwb_latency_s", "tag_x_m", "tag_y_m", *WARP)
+    windows = chosen(open_ones)
+    multi_step = dataclasses.replace(windows, result=replace(windows.result, horizon_s=15.0))
+    known = len(NAMES_OF) - len(open_ones)
+    for one, told in ((windows, {"lag_s", "uwb_latency_s", "tag_x_m", "tag_y_m"}), (multi_step, {"lag_s"})):
+        found = verdict(one, validation(structured=0.1), {})
+        assert {name for names, _ in found.advice for name in names} == told
+        lines = " ".join(found.lines)
+        assert f"determine {known} of {known + len(told)} parameters of boat and sensors; open: lag_s" in lines
+        held = "by this method, multi-step output error: uwb_latency_s, tag_x_m, tag_y_m."
+        assert (held in lines) == (one is multi_step)
+    table = {row[0]: row[-1] for row in parameter_table(multi_step.result, VESSEL, FitSettings()).rows}
+    assert (table["tag_x_m"], table["lag_s"]) == ("held at the file's value", "**no**")
 
 
 def test_one_of_linear_and_quadratic_damping_is_enough():

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
+from typing import cast
 
 import numpy as np
+from msgspec.inspect import FloatType, StructType, type_info
 from msgspec.structs import replace
 
 from companion.core.configuration.sensors import Imu
-from companion.core.configuration.vessel_file import Damping, ForceMap, Inertia, PitchMap, Thruster, VesselFile
+from companion.core.configuration.vessel_file import (
+    Damping,
+    ForceMap,
+    Inertia,
+    LinearMap,
+    PitchMap,
+    Propulsion,
+    Thruster,
+    VesselFile,
+)
 from companion.core.model.load_vessel import munk_limit_kg
 from sim.fitting.engine.free_parameters import IMU_PLACE, SURROUNDINGS, fitted_terms
 from sim.fitting.engine.parameters import DAMPING, Parameters
@@ -30,13 +42,12 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
 
     Only M is determined, not its division: mass and I_z stay and added mass takes the difference (`inertia_of`).
     """
-    names = Parameters(vessel).names
-    q = dict(zip(names, (result[name].value for name in names), strict=True))
+    q = _within_bounds(vessel, {name: result[name].value for name in Parameters(vessel).names})
     runs = ", ".join(h[:12] for h in result.data_hashes)
     source = f"identified {date} from {result.samples} samples (run {runs}), prior: vessel file {vessel.name}"
     thrusters = tuple(_thruster(t, q, source, session) for t in vessel.thrusters)
     sensors = vessel.sensors.with_position(
-        latency_s=max(0.0, _round(q["uwb_latency_s"])),
+        latency_s=_round(q["uwb_latency_s"]),
         x_m=_round(q["tag_x_m"]),
         y_m=_round(q["tag_y_m"]),
         source=f"{vessel.sensors.position.source}; latency and place {source}",
@@ -75,18 +86,49 @@ def _imu(imu: Imu, result: FitResult, source: str) -> Imu:
 def written_otherwise(vessel: VesselFile, result: FitResult) -> list[str]:
     """Sentences on fitted values that no vessel file may hold, and what is written in their place."""
     lines, late_s = [], result["uwb_latency_s"].value
+    fitted = {p.name: p.value for p in result.parameters}
     if late_s < 0:
         lines.append(
             f"uwb_latency_s: fitted as {late_s:.3g} s, so positions would be ahead of the other sensors, and written "
             "as 0: look at the clocks of the log."
         )
+    written = _within_bounds(vessel, {name: fitted[name] for name in Parameters(vessel).names})
+    for name, value in written.items():
+        if value != fitted[name] and not (name == "uwb_latency_s" and late_s < 0):
+            lines.append(
+                f"{name}: fitted as {fitted[name]:.3g}, which no vessel file may hold, written as {value:.3g}: look at "
+                "the logs, and at what else is doubtful here."
+            )
     if "munk_moment" in vessel.terms:
-        k_kg, written_kg = result["k_kg"].value, _munk_kg({p.name: p.value for p in result.parameters})
+        k_kg, written_kg = fitted["k_kg"], _munk_kg(written)
         if abs(k_kg - written_kg) > 1e-3:
             lines.append(
                 f"k_kg: fitted as {k_kg:.3g} kg, which would feed energy into the hull, written as {written_kg:.3g} kg."
             )
     return lines
+
+
+def _within_bounds(vessel: VesselFile, q: Mapping[str, float]) -> dict[str, float]:
+    """Fitted parameters `q` by name, within what a vessel file may hold; trims, curves and M have their own places."""
+    bounds = {
+        "uwb_latency_s": _bounds(type(vessel.sensors.position), "latency_s"),
+        **{name: _bounds(type(vessel.sensors.position), name.removeprefix("tag_")) for name in ("tag_x_m", "tag_y_m")},
+        **{name: _bounds(Propulsion, name) for name in ("dead_time_s", "lag_s")},
+        **{name: _bounds(Damping, name) for name in DAMPING},
+        **{f"gain_{t.name}": _bounds(Thruster, "gain") for t in vessel.thrusters},
+        **{f"azimuth_{t.name}_deg": _bounds(Thruster, "azimuth_deg") for t in vessel.thrusters},
+        **{f"astern_{name}": _bounds(LinearMap, "astern_share") for name in vessel.force_maps},
+        **{p.name: (p.lower, p.upper) for _, p in fitted_terms(vessel)},
+    }
+    return {name: float(np.clip(value, *bounds.get(name, (-np.inf, np.inf)))) for name, value in q.items()}
+
+
+@cache
+def _bounds(table: type, key: str) -> tuple[float, float]:
+    """Least and largest value of a number in a table of the vessel file."""
+    told = next(one.type for one in cast(StructType, type_info(table)).fields if one.encode_name == key)
+    number = next(t for t in getattr(told, "types", (told,)) if isinstance(t, FloatType))
+    return (-np.inf if number.ge is None else number.ge), (np.inf if number.le is None else number.le)
 
 
 def _munk_kg(q: Mapping[str, float]) -> float:

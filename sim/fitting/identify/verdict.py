@@ -22,7 +22,7 @@ from sim.fitting.identify.chosen_fit import ChosenFit
 from sim.fitting.identify.plausible import implausible
 from sim.fitting.identify.refinements import TEXTS
 from sim.fitting.identify.result import COLOURED, Estimate, FitResult, OpenDirection
-from sim.fitting.identify.vessel_out import written_otherwise
+from sim.fitting.identify.vessel_out import not_written, written_otherwise
 from sim.fitting.validate.protocol import CHANNELS
 from sim.fitting.validate.scores import Score, best_baseline
 from sim.fitting.validate.study import BASELINE_NAMES, NOT_JUDGED, Validation
@@ -85,6 +85,7 @@ def verdict(
     believe = nearest if errors[nearest] < 1 else None
     structured = chosen.result
     lines = [_believe(believe, errors), *_distances(validation, errors), *_refined(chosen), *_open(structured)]
+    lines += not_written(structured)
     attention = [
         *_fit_doubts(structured),
         *(f"{name}: too short to predict {chosen.horizon_s:g} s ahead in it: left out." for name in chosen.too_short),

@@ -30,6 +30,7 @@ DIGITS = 6  # significant digits of fitted numbers
 FITTED_INERTIA = ("mass_kg", "I_z_kg_m2", "X_udot_kg", "Y_vdot_kg", "Y_rdot_kg_m", "N_rdot_kg_m2")
 TRIM_US = 200  # as the vessel file's bounds
 COMPASS_RAD = np.radians(3.0)  # a heading that is off by less is within what compasses do; assumed
+TOLD_RAD = np.radians(1.0)  # a heading that is off by less is not worth a sentence: the prior's sigma; assumed
 ROOM = 0.98  # largest share of M that is rigid body, where the file's mass would leave no added mass; of a limit, too
 
 
@@ -106,6 +107,18 @@ def written_otherwise(vessel: VesselFile, result: FitResult) -> list[str]:
                 f"k_kg: fitted as {k_kg:.3g} kg, which would feed energy into the hull, written as {written_kg:.3g} kg."
             )
     return lines
+
+
+def not_written(result: FitResult) -> list[str]:
+    """Sentences on what was fitted beside the numbers of the vessel file, and is not in it."""
+    off_deg = float(np.degrees(abs(result.heading_offset_rad)))
+    if not TOLD_RAD < abs(result.heading_offset_rad) <= COMPASS_RAD:
+        return []
+    return [
+        f"The heading was off by {off_deg:.1f} degrees in these logs, and the numbers of hull and thrusters allow for "
+        f"it. vessel.toml does not have it: up to {np.degrees(COMPASS_RAD):.0f} degrees are within what compasses do "
+        "from one day to the next."
+    ]
 
 
 def _within_bounds(vessel: VesselFile, q: Mapping[str, float]) -> dict[str, float]:

@@ -1,5 +1,6 @@
 """Fitted values as a vessel file: within its bounds, and told where that changes them."""
 
+import numpy as np
 import pytest
 
 from companion.core.model.load_vessel import load_vessel
@@ -7,7 +8,7 @@ from companion.core.model.vessel_text import vessel_toml
 from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.identify.refinements import REFINEMENTS
 from sim.fitting.identify.result import Estimate, FitResult
-from sim.fitting.identify.vessel_out import identified_vessel, written_otherwise
+from sim.fitting.identify.vessel_out import identified_vessel, not_written, written_otherwise
 from tests.support.vessel_fixtures import boat
 
 VESSEL = next(r for r in REFINEMENTS if r.name == "speed_damping").applied(boat("aritra"))
@@ -57,3 +58,13 @@ def test_what_no_vessel_file_may_hold_is_written_within_its_bounds_and_told(name
 
 def test_a_file_as_it_was_is_told_nothing_of():
     assert written_otherwise(VESSEL, fitted()) == []
+
+
+@pytest.mark.parametrize(("off_deg", "in_file", "told"), [(0.5, 0.0, 0), (-2.9, 0.0, 1), (3.1, 3.1, 0)])
+def test_a_heading_offset_that_hull_numbers_allow_for_is_in_the_file_or_told(off_deg, in_file, told):
+    result = fitted(heading_offset_rad=float(np.radians(off_deg)))
+    before = VESSEL.sensors.imu.heading_offset_rad
+    found = identified_vessel(VESSEL, result, date="2026-01-01").sensors.imu.heading_offset_rad
+    assert np.degrees(found - before) == pytest.approx(in_file, abs=0.01)
+    lines = not_written(result)
+    assert len(lines) == told and all("off by 2.9 degrees" in line for line in lines)

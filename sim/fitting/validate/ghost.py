@@ -16,6 +16,7 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.apply_sensor_errors import calibrated
 from companion.logs.runs.run import Run
+from companion.logs.runs.splits import recording_intervals
 from sim.fitting.engine.smoothing import RATE_HZ, SmootherNoise
 from sim.fitting.engine.split import JobError, NamedLog, usable
 from sim.fitting.validate.models import VesselSimulator
@@ -119,5 +120,8 @@ def overlay(
 
 
 def _pieces(run: Run, ref: Reference, vessel: VesselFile, every_s: float) -> HeldOutWindows:
-    volts = vessel.propulsion.nominal_voltage_V
-    return cut_held_out(run, ref, volts, horizon_s=every_s, stride_s=every_s, shortest_s=min(SHORTEST_S, every_s))
+    """Pieces of what was recorded: none across a pause, in which nobody knows what was commanded."""
+    volts, inside = vessel.propulsion.nominal_voltage_V, recording_intervals(run)
+    return cut_held_out(
+        run, ref, volts, horizon_s=every_s, stride_s=every_s, shortest_s=min(SHORTEST_S, every_s), inside=inside
+    )

@@ -84,6 +84,17 @@ def test_nothing_is_simulated_where_nothing_was_measured(run):
     assert np.isnan(found.ghosts[0].x[inside]).all()
 
 
+def test_no_ghost_runs_across_a_pause_of_the_recording(run):
+    """2.2 s without any record every 15 s: what was commanded meanwhile nobody knows."""
+    t = pl.col("t_s")
+    found = overlay(Run(run.table.filter((t < 10) | ((t - 10) % 15 > 2.2)), run.meta), VESSEL, [TRUE], every_s=5.0)
+    drawn = np.where(np.isnan(found.ghosts[0].x[..., 0]), np.nan, found.t_s)
+    for first in (10.0, 25.0, 40.0):
+        assert not ((drawn > first + 0.1) & (drawn < first + 2.1)).any()
+        begins = drawn[:, 0]
+        assert begins[begins > first].min() == pytest.approx(first + 2.2, abs=0.11)
+
+
 def test_another_boats_file_is_refused_by_name(run):
     with pytest.raises(JobError, match="another boat's log"):
         overlay(run, boat("twin"), [VesselSimulator("twin", boat("twin"))], every_s=5.0)

@@ -36,7 +36,7 @@ TASK = CommissionTask(
 class Fit:
     """Stands for the fit of the flights before: every parameter is as it was."""
 
-    parameters = ()
+    parameters, held = (), ()
 
 
 class BriefBoat:

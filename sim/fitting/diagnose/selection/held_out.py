@@ -109,7 +109,7 @@ def score(
         squares[name], tracks[name] = _open_loop(lines, effects, model, _starts(near, far, of, point))
     groups = _groups(far, of)
     samples = near.windows.samples() + len(near.windows.fixes.t_s)
-    return HeldOutScore(_errors(squares, groups, seed), nats, samples, _replays(squares, tracks, far))
+    return HeldOutScore(open_loop_errors(squares, groups, seed), nats, samples, _replays(squares, tracks, far))
 
 
 def _aligned(physics: EffectPhysics, training: EffectPhysics) -> EffectPhysics:
@@ -200,10 +200,14 @@ def _groups(far: EffectPhysics, of: Sequence[int]) -> np.ndarray:
     return groups.ravel()
 
 
-def _errors(
+def open_loop_errors(
     squares: Mapping[str, Mapping[str, np.ndarray]], groups: np.ndarray, seed: int
 ) -> tuple[OpenLoopError, ...]:
-    """Rms errors; bootstrap draws are multinomial counts of blocks times their sums of squares."""
+    """Rms errors by channel and horizon. `groups` (windows,): the block of each window.
+
+    `squares`: model -> channel -> rows (k, 3) of window, time since its beginning [s], squared error. Draws of the
+    bootstrap are multinomial counts of blocks.
+    """
     count = int(groups.max()) + 1
     draws = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), BOOTSTRAPS)
     found = []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.fitting.diagnose.posterior.noise import stated_noise
-from sim.fitting.diagnose.selection.held_out import CHANNELS, LEAST_BLOCKS, MODELS, _errors, score
+from sim.fitting.diagnose.selection.held_out import CHANNELS, LEAST_BLOCKS, MODELS, open_loop_errors, score
 from sim.fitting.diagnose.selection.smoothed_logs import ModelUnderTest
 from tests.sim.fitting.diagnose.posterior_fixture import VESSEL, bench, short
 
@@ -38,7 +38,7 @@ def test_equal_models_are_seldom_surely_apart_however_few_the_stretches(blocks):
             }
             for m in MODELS
         }
-        found = _errors(squares, groups, 0)
+        found = open_loop_errors(squares, groups, 0)
         apart += sum(not e.gain_ci95[0] <= 0 <= e.gain_ci95[1] for e in found)
         assert all(e.ci95[m][0] < e.rms[m] < e.ci95[m][1] and e.blocks == blocks for e in found for m in MODELS)
     assert apart <= tries * len(CHANNELS) / 8
@@ -50,4 +50,4 @@ def test_four_stretches_that_all_say_the_same_are_sure():
     rows = np.column_stack([np.arange(16), np.full(16, 9.5), rng.chisquare(20, 16)])
     half = rows * [1, 1, 0.25]
     squares = {m: dict.fromkeys(CHANNELS, half if m == "extended" else rows) for m in MODELS}
-    assert all(e.gain_ci95 == pytest.approx((0.5, 0.5)) for e in _errors(squares, groups, 0))
+    assert all(e.gain_ci95 == pytest.approx((0.5, 0.5)) for e in open_loop_errors(squares, groups, 0))

@@ -32,13 +32,15 @@ class Refinement:
     """One refinement.
 
     `text`: for people; `applied`: the vessel with it, at its first guess, or as it is where it has it; `priors`:
-    as `Parameters.overrides`.
+    as `Parameters.overrides`; `absent`: how names of its parameters begin, and their value on a boat that has nothing
+    of it, None where a prior keeps them from that.
     """
 
     name: str
     text: str
     applied: Callable[[VesselFile], VesselFile]
     priors: Mapping[str, tuple[float | None, float]] = field(default_factory=dict)
+    absent: tuple[str, float] | None = None
 
 
 def missing(vessel: VesselFile) -> list[Refinement]:
@@ -70,11 +72,16 @@ def _with_term(vessel: VesselFile, name: str, **first: float) -> VesselFile:
 
 
 REFINEMENTS = (
-    Refinement("astern", "propellers that give another share of their map's thrust astern than ahead", _astern),
+    Refinement(
+        "astern",
+        "propellers that give another share of their map's thrust astern than ahead",
+        _astern,
+        absent=("astern_", 1.0),
+    ),
     Refinement(
         "speed_damping", "yaw damping that grows with speed", _speed_damping, {"N_ur_N_s2": (None, SIZE_UNKNOWN)}
     ),
-    Refinement("munk_moment", "a yaw moment of u v", _munk_moment),
+    Refinement("munk_moment", "a yaw moment of u v", _munk_moment, absent=("k_kg", 0.0)),
 )
 TEXTS = {
     COMPASS: "an error of the heading by how the boat is turned",

@@ -20,7 +20,7 @@ from sim.fitting.engine.split import DEAD_SENSOR
 from sim.fitting.identify.advice import advice
 from sim.fitting.identify.chosen_fit import ChosenFit
 from sim.fitting.identify.plausible import implausible
-from sim.fitting.identify.refinements import TEXTS
+from sim.fitting.identify.refinements import REFINEMENTS, TEXTS
 from sim.fitting.identify.result import COLOURED, Estimate, FitResult, OpenDirection
 from sim.fitting.identify.vessel_out import not_written, written_otherwise
 from sim.fitting.validate.protocol import CHANNELS
@@ -149,9 +149,22 @@ def _believe(believe: str | None, errors: Mapping[str, float]) -> str:
 
 
 def _refined(chosen: ChosenFit) -> list[str]:
-    """The sentence on refinements that the logs asked for."""
-    texts = [text for name, text in TEXTS.items() if name in chosen.refinements]
-    return [f"The logs ask for what the vessel file lacked, and vessel.toml has: {'; '.join(texts)}."] if texts else []
+    """Sentences on refinements that the logs asked for, and on those that were kept but may be nothing."""
+    doubtful = {r.name for r in REFINEMENTS if r.absent and _holds(chosen.result, *r.absent)}
+    texts = {name: text for name, text in TEXTS.items() if name in chosen.refinements}
+    asked = "; ".join(text for name, text in texts.items() if name not in doubtful)
+    kept = "; ".join(text for name, text in texts.items() if name in doubtful)
+    lines = [f"The logs ask for what the vessel file lacked, and vessel.toml has: {asked}."] if asked else []
+    if kept:
+        lines.append(
+            f"Kept as well, for halves of the logs were predicted better with it, but not surely there: {kept}."
+        )
+    return lines
+
+
+def _holds(structured: FitResult, head: str, value: float) -> bool:
+    """Whether the intervals of all parameters whose names begin with `head` hold `value`."""
+    return all(p.ci95[0] <= value <= p.ci95[1] for p in structured.parameters if p.name.startswith(head))
 
 
 def _distances(validation: Validation, errors: Mapping[str, float]) -> list[str]:

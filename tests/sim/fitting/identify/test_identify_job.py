@@ -19,6 +19,7 @@ from sim.fitting.identify.chosen_fit import ChosenFit
 from sim.fitting.identify.report.tables import parameter_table
 from sim.fitting.identify.result import Estimate, FitResult, ResidualChannel, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
+from sim.fitting.identify.trials import Trial
 from sim.fitting.identify.verdict import NAMES, NEEDED, relative_error, verdict
 from sim.fitting.validate.models import ConstantVelocity, ZeroVelocity
 from sim.fitting.validate.protocol import CHANNELS
@@ -260,6 +261,24 @@ def test_what_the_method_holds_is_not_open_and_nobody_is_sent_to_sea_for_it():
         assert (held in lines) == (one is multi_step)
     table = {row[0]: row[-1] for row in parameter_table(multi_step.result, VESSEL, FitSettings()).rows}
     assert (table["tag_x_m"], table["lag_s"]) == ("held at the file's value", "**no**")
+
+
+@pytest.mark.parametrize(
+    ("name", "none", "text"), [("k_kg", 0.0, "yaw moment of u v"), ("astern_t200", 1.0, "thrust astern")]
+)
+def test_a_refinement_that_may_be_nothing_is_not_what_the_logs_ask_for(name, none, text):
+    """Chance, or another effect, makes halves of a log predict each other better: the boat may have nothing of it."""
+    refinement = {"k_kg": "munk_moment", "astern_t200": "astern"}[name]
+    for value, asked in ((none + 0.1, False), (none - 0.3, True)):
+        extra = replace(fit().parameters[0], name=name, value=value, ci95=(value - 0.2, value + 0.2))
+        kept = Trial("windows", ("speed_damping", refinement), 0.9, (0.9, 0.9), kept=True)
+        one = dataclasses.replace(chosen(), trials=(kept,))
+        one = dataclasses.replace(one, result=replace(one.result, parameters=(*one.result.parameters, extra)))
+        lines = [
+            line for line in verdict(one, validation(structured=0.1), {}).lines if "yaw damping" in line or text in line
+        ]
+        assert (text in lines[0]) == asked and lines[0].startswith("The logs ask for")
+        assert len(lines) == 1 if asked else lines[1].startswith("Kept as well") and text in lines[1]
 
 
 def test_one_of_linear_and_quadratic_damping_is_enough():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import os
 import signal
 import subprocess
@@ -29,9 +30,11 @@ from tests.companion.boat.guarded_fixture import PLAIN, Guarded, silently_writte
 from tests.companion.core.pilot.pilot_shell import N, heartbeat, on_the_leg, plan
 from tests.companion.core.preflight.observations_fixture import heard
 from tests.evidence.firmware.missions import WAVES
-from tests.evidence.line import Line, at_least, at_most, exactly
+from tests.evidence.line import Line, at_least, at_most, exactly, information
 from tests.support.drive_fixture import CORNER, settled, voyage
 
+MOST_N = 12.0
+"""Largest change of a force in a tick: the vessel file's rate limit, 120 N/s, in 0.1 s."""
 DEAD_S = 20.0
 """How long the world goes on after the companion's death."""
 
@@ -207,7 +210,7 @@ def plans(full: bool) -> Iterator[Line]:
         forces.append(shell.lease.f_command_n)
         sources.append(shell.lease.source)
     changes = np.abs(np.diff(forces, axis=0))
-    yield at_most("alternating: largest change in a tick", changes.max(), 12.0 + 1e-9, "N", "before: 68 N")
+    yield at_most("alternating: largest change in a tick", changes.max(), MOST_N + 1e-9, "N", "before: 68 N")
     yield at_most("alternating: ticks until no plan is sent", sources.count("plan"), 8)
     bad = ("38 -30", "1e6", "nan", "inf")
     yield exactly("plans that nobody can mean: sent", sum(_sent(kind) for kind in bad), 0, "", f"of {len(bad)}")
@@ -218,9 +221,13 @@ def plans(full: bool) -> Iterator[Line]:
         refused = sum("not plausible" in lease.reason for lease in leases)
         yield exactly(f"closed loop, {name}: plans refused", refused, 0, "", f"of {len(made)}")
         first = {p.index: p.f_n[0] for p in made if p.f_n}
-        sent = [lease for lease in leases if lease.source == "plan"]
-        held = sum(not np.allclose(lease.f_command_n, first[lease.index], atol=1e-6) for lease in sent)
+        sent = [pair for pair in itertools.pairwise(leases) if pair[1].source == "plan"]
+        other = [pair for pair in sent if not np.allclose(pair[1].f_command_n, first[pair[1].index], atol=1e-6)]
+        held = sum(
+            np.abs(np.subtract(now.f_command_n, before.f_command_n)).max() > MOST_N - 1e-6 for before, now in other
+        )
         yield exactly(f"closed loop, {name}: plans held by the rate limit", held, 0, "", f"of {len(sent)}")
+        yield information(f"closed loop, {name}: plans sent with a probe of thrusters", len(other) - held)
 
 
 def _sent(kind: str) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 
 from companion.logs.runs.columns import REQUIRED
+from companion.logs.runs.nearest import nearest
 from companion.logs.runs.outliers import without_outliers
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
@@ -195,9 +196,8 @@ def _moved(s: Stream, to: Stream) -> Stream:
     """The stream with the stamps of `to` where these are within 1 ms, each used once."""
     if not len(to.t_ns) or not len(s.t_ns):
         return s
-    after = np.clip(np.searchsorted(to.t_ns, s.t_ns), 1, max(len(to.t_ns) - 1, 1)) % len(to.t_ns)
-    nearest = np.where(s.t_ns - to.t_ns[after - 1] < to.t_ns[after] - s.t_ns, after - 1, after)
-    t_ns = np.where(np.abs(to.t_ns[nearest] - s.t_ns) <= NEAR_NS, to.t_ns[nearest], s.t_ns)
+    beside_ns = to.t_ns[nearest(to.t_ns, s.t_ns)]
+    t_ns = np.where(np.abs(beside_ns - s.t_ns) <= NEAR_NS, beside_ns, s.t_ns)
     again = np.append(False, np.diff(t_ns) == 0)
     t_ns = np.where(again, s.t_ns, t_ns)
     while (clash := (_counts(t_ns) > 1) & (t_ns != s.t_ns)).any():  # one that stands there by itself stays

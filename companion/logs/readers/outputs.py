@@ -19,6 +19,7 @@ from companion.core.constants import NEUTRAL_US
 from companion.core.preflight.rows import ParameterSet
 from companion.core.preflight.wiring import Companion, wiring
 from companion.logs.readers.join import Stream
+from companion.logs.runs.nearest import distance, nearest
 from companion.logs.runs.run import LogProblem
 
 TOGETHER_NS = 50_000_000
@@ -94,15 +95,16 @@ def _together(groups: Mapping[int, Sequence[tuple[float, ...]]]) -> tuple[np.nda
 
     Of other groups the nearest rows, which are logged at once with them; NaN where there is none within `TOGETHER_NS`.
     """
-    stamps = {first: np.array([row[0] for row in rows], dtype=np.int64) for first, rows in groups.items() if rows}
-    t_ns = max(stamps.values(), key=len)
-    pulses = np.full((len(t_ns), max(first + len(groups[first][0]) - 2 for first in stamps)), np.nan)
-    for first, own_ns in stamps.items():
-        order = np.argsort(own_ns, kind="stable")
-        after = np.clip(np.searchsorted(own_ns, t_ns, sorter=order), 0, len(own_ns) - 1)
-        after, before = order[after], order[np.maximum(after - 1, 0)]
-        nearest = np.where(np.abs(own_ns[after] - t_ns) <= np.abs(own_ns[before] - t_ns), after, before)
-        table = np.array([row[1:] for row in groups[first]], dtype=float)[nearest]
-        table[np.abs(own_ns[nearest] - t_ns) > TOGETHER_NS] = np.nan
+    known = {first: rows for first, rows in groups.items() if rows}
+    most = max(known, key=lambda first: len(known[first]))
+    t_ns = np.array([row[0] for row in known[most]], dtype=np.int64)
+    pulses = np.full((len(t_ns), max(first + len(rows[0]) - 2 for first, rows in known.items())), np.nan)
+    for first, rows in known.items():
+        table = np.array([row[1:] for row in rows], dtype=float)
+        if first != most:
+            own_ns = np.array([row[0] for row in rows], dtype=np.int64)
+            order = np.argsort(own_ns, kind="stable")
+            table = table[order][nearest(own_ns[order], t_ns)]
+            table[distance(own_ns[order], t_ns) > TOGETHER_NS] = np.nan
         pulses[:, first - 1 : first - 1 + table.shape[1]] = table
     return t_ns, pulses

@@ -25,6 +25,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.apply_sensor_errors import calibrated
+from companion.logs.runs.nearest import distance
 from companion.logs.runs.run import Run
 from sim.fitting.engine.jacobian_rows import sensitivities
 from sim.fitting.engine.kernels.windows import X0_D
@@ -82,7 +83,7 @@ def horizon_target(runs: Sequence[Run], vessel: VesselFile, horizon_s: float = H
         for span in windows.spans[i * OVERLAP : (i + 1) * OVERLAP]:
             x0[span] = _at(t_s[span, 0], smoothed.t_s, states)
             measured[span] = _at(t_s[span][:, at], smoothed.t_s, states)
-            measured[span][_distance(t_s[span][:, at], fixes) > KNOWN_S] = np.nan
+            measured[span][distance(fixes, t_s[span][:, at]) > KNOWN_S] = np.nan
             measured[span][windows.h_s[span][:, at - 1] == 0] = np.nan  # beyond the window's end
     return HorizonTarget(windows, x0, at, measured)
 
@@ -100,12 +101,6 @@ def reaches(run: Run, horizon_s: float) -> bool:
 def _at(t_s: np.ndarray, known_s: np.ndarray, states: np.ndarray) -> np.ndarray:
     """`states` (k, n), known at `known_s` (k,), interpolated at `t_s`: (*t_s.shape, n)."""
     return np.stack([np.interp(t_s, known_s, column) for column in states.T], axis=-1)
-
-
-def _distance(t_s: np.ndarray, stamps: np.ndarray) -> np.ndarray:
-    """Time from each of `t_s` to the nearest of the `stamps` [s]."""
-    after = np.searchsorted(stamps, t_s).clip(1, len(stamps) - 1)
-    return np.minimum(np.abs(stamps[after] - t_s), np.abs(stamps[after - 1] - t_s))
 
 
 @dataclass(frozen=True)

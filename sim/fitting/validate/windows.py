@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.logs.runs.nearest import distance
 from companion.logs.runs.run import Run
 from sim.fitting.engine.smoothing import RATE_HZ, SmootherNoise, smooth
 from sim.fitting.engine.thrust.forces import settings_at
@@ -58,9 +59,7 @@ def reference_motion(run: Run, noise: SmootherNoise) -> Reference:
 
 def _near(x: np.ndarray, t_s: np.ndarray, samples_s: np.ndarray) -> np.ndarray:
     """`x` (k, 6) at `t_s` (k,), NaN further than `MAX_GAP_S` / 2 from every one of `samples_s`."""
-    after = np.searchsorted(samples_s, t_s).clip(1, len(samples_s) - 1)
-    nearest_s = np.minimum(np.abs(samples_s[after] - t_s), np.abs(samples_s[after - 1] - t_s))
-    return np.where(nearest_s[:, None] > MAX_GAP_S / 2, np.nan, x)
+    return np.where(distance(samples_s, t_s)[:, None] > MAX_GAP_S / 2, np.nan, x)
 
 
 @dataclass(frozen=True)

@@ -122,6 +122,19 @@ def test_outputs_beyond_the_fourteenth_are_read_or_unknown_but_never_neutral(tmp
         assert "pwm_rear_port: no commands" in {p.text for p in problems(run)}
 
 
+def test_of_two_outputs_at_one_instant_the_last_counts(tmp_path):
+    log = list(records())
+    at = next(k for k, r in enumerate(log) if r[0] == "RCOU")
+    log.insert(at, ("RCOU", log[at][1], 1111, 1111, 1111, 1111, *([0] * 10)))
+    (tmp_path / "made.BIN").write_bytes(dataflash(log))
+    assert read_run(tmp_path / "made.BIN", ReadOptions(vessel=boat("aritra"))).commands()[1][0].tolist() == [
+        1600,
+        1500,
+        1400,
+        1500,
+    ]
+
+
 def test_headings_are_in_site_axes_as_positions_are(tmp_path):
     path = written(tmp_path)
     turned = msgspec.structs.replace(SITE, rotation_deg=30.0)

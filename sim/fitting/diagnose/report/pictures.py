@@ -148,6 +148,7 @@ def held_out(errors: Sequence[OpenLoopError]) -> Figure:
             spread = np.where(np.isfinite(ends).all(axis=0), np.abs(ends - rms), 0.0)
             ax.bar(at, rms, 0.25, yerr=spread, color=LOOK[name], label=LABELS[name], error_kw={"lw": 0.8})
         ax.set_xticks(range(len(HORIZONS_S)), [f"{h} s" for h in HORIZONS_S])
+        ax.set_xlim(-0.5, len(HORIZONS_S) - 0.5)  # room for all horizons, where short logs reach the first alone
         ax.set_title(f"{channel} [{CHANNELS[channel]}]", fontsize=10)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="lower center", ncols=3, fontsize=9)
     return figure

@@ -33,6 +33,9 @@ GAIN_SIGMA = 0.08
 """Thrusters that are sound are off by so much; assumed. Small, so that a dead one cannot pass for one that is off."""
 FAULT_GAIN, FAULT_GAIN_SIGMA = -1.0, 0.8
 STUCK_SIGMA_N = 20.0
+SPIN_UP_S, SPIN_UP_N = 0.5, 10.0
+"""A thruster that sticks takes so long to get there; sigma by which its force may change in one such second [N].
+Assumed."""
 NOISE = (2.5, 3.5, 0.8)
 """Of a residual over one tick [N, N, N m]: accelerometer 0.05 m/s^2 at 50 Hz, gyro 0.002 rad/s, and the model's own
 quick errors; assumed."""
@@ -89,12 +92,14 @@ def hypotheses(n: int) -> tuple[ThrustHypothesis, ...]:
 class BankState:
     """Batch of K filters: mean (K, 4 + n) of [d a c], covariance, sum of log-likelihood ratios (K,) [nats].
 
-    `noise`: mean square of w over half a second's difference (3,); `past`: the last residuals; `count`: of all.
+    `age_s`: since each began afresh (K,); `noise`: mean square of w over half a second's difference (3,); `past`: the
+    last residuals; `count`: of all.
     """
 
     mean: np.ndarray
     P: np.ndarray
     nats: np.ndarray
+    age_s: np.ndarray
     noise: np.ndarray
     past: tuple[np.ndarray, ...] = ()
     count: int = 0
@@ -123,7 +128,8 @@ class ThrusterBank:
     def initial(self) -> BankState:
         """Nothing seen."""
         K, n = self._mean0.shape
-        return BankState(self._mean0.copy(), self._variance0[:, :, None] * np.eye(n), np.zeros(K), np.zeros(3))
+        P = self._variance0[:, :, None] * np.eye(n)
+        return BankState(self._mean0.copy(), P, np.zeros(K), np.zeros(K), np.zeros(3))
 
     def step(self, state: BankState, w: np.ndarray, f_n: np.ndarray, a_m_s2: np.ndarray, dt_s: float) -> BankState:
         """After one residual w (3,) under forces f (n,) [N], where the accelerometer should feel a (2,)."""
@@ -141,6 +147,7 @@ class ThrusterBank:
         P[:, :, :3] *= decay
         axes = np.arange(3)
         P[:, axes, axes] += (1 - decay**2) * self._d_sigma**2
+        P[:, -1, -1] += (state.age_s < SPIN_UP_S) * self._free[:, -1] * SPIN_UP_N**2 * dt_s
         # 3. innovations of all hypotheses, and their likelihoods
         H = self._H0.copy()
         H[:, :, 3 : 3 + self._n] = self._by_f * f_n
@@ -154,13 +161,16 @@ class ThrusterBank:
         mean += np.einsum("kij,kj->ki", K, nu)
         P -= K @ HP
         # 5. cumulative sums; a hypothesis that is no better than `sound` begins afresh from it
-        gained = np.clip(TEMPER * (log_likelihood - log_likelihood[0]), -MOST, MOST)
-        nats = state.nats + gained
+        #    one reading tells MOST at most, of the best against `sound`; what is behind the best stays behind
+        gained = TEMPER * (log_likelihood - log_likelihood[0])
+        excess = max(0.0, float(gained.max()) - MOST)
+        nats = state.nats + np.where(gained > 0.0, np.maximum(gained - excess, 0.0), np.maximum(gained, -MOST))
         nats -= max(0.0, nats.max() - CEILING)
         anew = nats <= 0.0
         nats[anew], anew[0] = 0.0, False
         mean[anew], P[anew] = self._afresh(anew, mean[0], P[0])
-        return replace(state, mean=mean, P=P, nats=nats, noise=noise, past=past, count=state.count + 1)
+        age_s = np.where(anew, 0.0, state.age_s + dt_s)
+        return replace(state, mean=mean, P=P, nats=nats, age_s=age_s, noise=noise, past=past, count=state.count + 1)
 
     def _afresh(self, which: np.ndarray, mean: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What `sound` knows, but for what each of these hypotheses is free in."""

@@ -98,6 +98,9 @@ class ThrusterVerdicts:
         if best in dead:  # to give nothing of what is asked for, and to be stuck at nothing, is the same
             near = [k for k in near if k not in dead]
             best = min(dead)
+        if kinds[best].kind == "pushed" and (thrusters := [k for k in near if kinds[k].is_thruster]):
+            best = thrusters[0]  # a push would have to push just as this thruster does
+            near = [k for k in order if nats[k] > nats[best] - AHEAD_NATS]
         rivals = [kinds[k] for k in near if k != best]
         if kinds[best].kind != "pushed":  # that would have to push just as a thruster or a bad accelerometer does
             rivals = [h for h in rivals if h.kind != "pushed"]

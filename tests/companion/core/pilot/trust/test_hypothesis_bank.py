@@ -5,7 +5,8 @@ import pytest
 
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
-from companion.core.pilot.trust.hypothesis_bank import AXES, NOISE, ThrusterBank, hypotheses
+from companion.core.pilot.trust.hypothesis_bank import AXES, NOISE, ThrusterBank, ThrustHypothesis, hypotheses
+from companion.core.pilot.trust.thruster_verdict import AHEAD_NATS, SURE_NATS
 from tests.support.drive_fixture import setup
 
 VESSEL = setup().pilot.vessel
@@ -100,3 +101,15 @@ def test_a_fault_that_begins_late_is_found_within_seconds():
 def test_every_boat_has_its_hypotheses():
     assert [h.kind for h in hypotheses(1)] == ["sound", "gain", "stuck", "pushed", "accel", *["askew"] * 4]
     assert len(hypotheses(4)) == 1 + 4 + 4 + 6 + 1 + 2 + 4
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_thruster_that_spins_up_and_sticks_is_told_from_a_bad_accelerometer_within_a_second(seed):
+    rng, bank, f = np.random.default_rng(seed), ThrusterBank(B, M), np.array([2.0, 1.0, 1.0, 2.0])
+    state = bank.initial()
+    for k in range(30):
+        stuck_n = f[2] if k < 20 else 45.0 - 44.0 * np.exp(-(k - 19) * 0.1 / 0.15)
+        state = bank.step(state, (stuck_n - f[2]) * B[:, 2] + rng.normal(0, NOISE), f, felt(f), 0.1)
+    nats = {h: n for h, n in zip(bank.hypotheses, state.nats, strict=True) if h.kind != "pushed"}
+    stuck = nats.pop(ThrustHypothesis("stuck", 2))
+    assert stuck >= SURE_NATS and stuck - max(nats.values()) >= AHEAD_NATS

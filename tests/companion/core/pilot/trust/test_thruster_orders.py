@@ -9,7 +9,7 @@ from companion.core.messages import OperatorCommand
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.monitors.monitor import TickView
-from companion.core.pilot.trust.hypothesis_bank import NOISE, ThrusterBank
+from companion.core.pilot.trust.hypothesis_bank import NOISE, ThrusterBank, ThrustHypothesis
 from companion.core.pilot.trust.remaining_thrust import RemainingThrust, ThrusterHealth
 from companion.core.pilot.trust.thruster_monitor import ThrusterMonitor
 from companion.core.pilot.trust.thruster_verdict import ThrusterVerdicts
@@ -113,3 +113,13 @@ def test_three_thrusters_that_changed_places_are_told_apart_by_two_findings():
     f = np.array([2.0, 4.0, 6.0, 8.0])
     pulses, sound = REMAINING.pulses(f, health, 15.0), REMAINING.pulses(f, MONITOR.initial.health, 15.0)
     assert [pulses[hangs.index(i)] for i in range(4)] == list(sound)
+
+
+def test_what_a_thruster_explains_nearly_as_well_as_any_push_is_that_thruster():
+    nats = np.zeros_like(BANK.initial().nats)
+    for h, found in ((ThrustHypothesis("pushed"), 20.0), (ThrustHypothesis("stuck", 1), 16.0)):
+        nats[BANK.hypotheses.index(h)] = found
+    bank = BANK.initial()
+    bank.mean[BANK.hypotheses.index(ThrustHypothesis("stuck", 1)), -1] = 30.0
+    state, _ = VERDICTS.judge(replace(MONITOR.initial, bank=replace(bank, nats=nats)), TickView(0, 0, None, 0, True))
+    assert [f.what for f in state.findings] == [VESSEL.thrusters[1].name]

@@ -18,6 +18,7 @@ began. All filters are one batch of arrays.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
@@ -39,6 +40,8 @@ Assumed."""
 NOISE = (2.5, 3.5, 0.8)
 """Of a residual over one tick [N, N, N m]: accelerometer 0.05 m/s^2 at 50 Hz, gyro 0.002 rad/s, and the model's own
 quick errors; assumed."""
+NOISE_TICKS = 30
+"""So many residuals of a bank that begins tell how large they are in waves; assumed: a period and more."""
 TEMPER = 0.4
 """Share of a log-likelihood ratio that counts: residuals of neighbouring ticks err together. Assumed."""
 MOST = 3.0
@@ -92,8 +95,8 @@ def hypotheses(n: int) -> tuple[ThrustHypothesis, ...]:
 class BankState:
     """Batch of K filters: mean (K, 4 + n) of [d a c], covariance, sum of log-likelihood ratios (K,) [nats].
 
-    `age_s`: since each began afresh (K,); `noise`: mean square of w over half a second's difference (3,); `past`: the
-    last residuals; `count`: of all.
+    `age_s`: since each began afresh (K,); `noise`: mean square of the change of w in half a second that each leaves
+    unexplained (K, 3); `past`: the last residuals and forces; `count`: of all.
     """
 
     mean: np.ndarray
@@ -101,7 +104,7 @@ class BankState:
     nats: np.ndarray
     age_s: np.ndarray
     noise: np.ndarray
-    past: tuple[np.ndarray, ...] = ()
+    past: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
     count: int = 0
 
 
@@ -123,22 +126,23 @@ class ThrusterBank:
                 self._variance0[k, -1], self._variance0[k, 3 + h.i] = STUCK_SIGMA_N**2, 0.0
             free = {"gain": [3 + h.i], "stuck": [3 + h.i, n + 3]}.get(h.kind, range(3) if h.kind in D_SIGMA else [])
             self._free[k, list(free)] = True
+        self._thrusts = np.array([k for k, h in enumerate(self.hypotheses) if k == 0 or h.blames_thrust])
         self._H0, self._by_f, self._offset_f, self._offset_a = self._measurements()
 
     def initial(self) -> BankState:
         """Nothing seen."""
         K, n = self._mean0.shape
         P = self._variance0[:, :, None] * np.eye(n)
-        return BankState(self._mean0.copy(), P, np.zeros(K), np.zeros(K), np.zeros(3))
+        return BankState(self._mean0.copy(), P, np.zeros(K), np.zeros(K), np.zeros((K, 3)))
 
     def step(self, state: BankState, w: np.ndarray, f_n: np.ndarray, a_m_s2: np.ndarray, dt_s: float) -> BankState:
         """After one residual w (3,) under forces f (n,) [N], where the accelerometer should feel a (2,)."""
-        noise = state.noise
-        # 1. noise: what changes within half a second and is neither sensor noise nor explained by a slow cause
-        past = (*state.past, w)[-6:]
-        if len(past) == 6:
-            noise = noise + min(1.0, dt_s / 3.0) * ((past[-1] - past[0]) ** 2 / 2 - noise)
-        R = np.square(NOISE) + 4.0 * np.maximum(noise - np.square(NOISE), 0.0)
+        # 1. noise; while it is not known yet, what was reckoned with too little of it counts for less
+        past = (*state.past, (w, f_n))[-6:]
+        noise = self._learned(state, past, dt_s)
+        best = self._thrusts[np.argmax(state.nats[self._thrusts])]
+        R = _variance(noise[best])
+        known = min(1.0, float((_variance(state.noise[best]) / R).min())) if state.count < NOISE_TICKS else 1.0
         # 2. predict: d forgets itself in D_TIME_S
         decay = np.exp(-dt_s / D_TIME_S)
         mean, P = state.mean.copy(), state.P.copy()
@@ -164,13 +168,21 @@ class ThrusterBank:
         #    one reading tells MOST at most, of the best against `sound`; what is behind the best stays behind
         gained = TEMPER * (log_likelihood - log_likelihood[0])
         excess = max(0.0, float(gained.max()) - MOST)
-        nats = state.nats + np.where(gained > 0.0, np.maximum(gained - excess, 0.0), np.maximum(gained, -MOST))
+        nats = known * state.nats + np.where(gained > 0.0, np.maximum(gained - excess, 0.0), np.maximum(gained, -MOST))
         nats -= max(0.0, nats.max() - CEILING)
         anew = nats <= 0.0
         nats[anew], anew[0] = 0.0, False
         mean[anew], P[anew] = self._afresh(anew, mean[0], P[0])
         age_s = np.where(anew, 0.0, state.age_s + dt_s)
         return replace(state, mean=mean, P=P, nats=nats, age_s=age_s, noise=noise, past=past, count=state.count + 1)
+
+    def _learned(self, state: BankState, past: Sequence[tuple[np.ndarray, np.ndarray]], dt_s: float) -> np.ndarray:
+        """Noise (K, 3) with one change more: of half a second, without what each hypothesis makes of the forces."""
+        if len(past) < 6:
+            return state.noise
+        by_f = self._by_f * state.mean[:, None, 3 : 3 + self._n] + self._offset_f
+        changed = past[-1][0] - past[0][0] - by_f @ (past[-1][1] - past[0][1])
+        return state.noise + min(1.0, dt_s / 3.0) * (changed**2 / 2 - state.noise)
 
     def _afresh(self, which: np.ndarray, mean: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What `sound` knows, but for what each of these hypotheses is free in."""
@@ -201,3 +213,8 @@ class ThrusterBank:
             elif h.kind == "askew":
                 offset_a[k] = self._M[:, :2] @ (AXES[h.i] - np.eye(2))
         return H0, by_f, offset_f, offset_a
+
+
+def _variance(noise: np.ndarray) -> np.ndarray:
+    """R of a residual (3,), of what the best hypothesis about thrusters leaves: a fault is not noise."""
+    return np.square(NOISE) + 4.0 * np.maximum(noise - np.square(NOISE), 0.0)

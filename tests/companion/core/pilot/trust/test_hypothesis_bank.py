@@ -85,6 +85,11 @@ def test_waves_are_noise_and_no_thruster():
     assert nats < 15.0
 
 
+def test_a_thruster_that_is_dead_from_the_beginning_is_not_lost_among_what_is_taken_for_noise():
+    hypothesis, nats, mean = told(gain(3, 0.0), 6.0)
+    assert hypothesis == ("gain", 3, -1) and nats > SURE_NATS and mean[6] == pytest.approx(-1.0, abs=0.3)
+
+
 def test_a_fault_that_begins_late_is_found_within_seconds():
     bank, rng = ThrusterBank(B, M), np.random.default_rng(3)
     state, f = bank.initial(), np.zeros(4)

@@ -13,6 +13,8 @@ from sim.fitting.engine.split import DEAD_SENSOR
 
 SHOWN_S = 10
 ROUGH, QUIET_M_S2 = 2.0, 0.01  # latent acceleration of an unusable reference over the logs', or this; assumed
+WORTH = 0.1
+"""Share of the held-out error below which other numbers are not worth another file; assumed."""
 WORDS = {
     "time": "time",
     "position": "the place in the basin",
@@ -37,7 +39,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.causes:
         lines += [gain_sentence(diagnosis.held_out, len(diagnosis.causes)), *_outside(diagnosis)]
     if diagnosis.verdict == "none":
-        lines += _detection_limits(diagnosis)
+        lines += [*_detection_limits(diagnosis), _kept(diagnosis.held_out)]
     if _rough_reference(diagnosis):
         lines.append(
             f"The reference log {diagnosis.reference} holds more force that nobody can foretell than the logs "
@@ -67,7 +69,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
     are = "one cause is" if count == 1 else f"{count} causes are"
     they = "it explains" if count == 1 else "they explain"
     return {
-        "none": f"{logs}: nothing is wrong with {diagnosis.base.name} that these logs can show: keep its file.",
+        "none": f"{logs}: nothing is wrong with {diagnosis.base.name} that these logs can show.",
         "named": f"{logs}: {are} named, and {they} what the "
         f"simulation of {diagnosis.base.name} gets wrong.",
         "partial": f"{logs}: {are} named, but something is left over.",
@@ -147,6 +149,23 @@ def gain_sentence(held_out: HeldOutScore, count: int) -> str:
         f"Removing {subject} {word} the {SHOWN_S} s position error on held-out data by {100 * abs(error.gain):.0f} % "
         f"(95 %: {low:.0f} to {high:.0f}): from {before:.3g} m, refitted within its tolerances, to {after:.3g} m; as "
         f"given it was {error.rms['base']:.3g} m.{doubt}"
+    )
+
+
+def _kept(held_out: HeldOutScore) -> str:
+    """Which file to use where nothing is wrong: the numbers may be better within their tolerances all the same."""
+    error = error_at(held_out, "position", SHOWN_S)
+    if error is None or not error.rms["refit"] < (1 - WORTH) * error.rms["base"]:
+        return "Keep its file."
+    better = (
+        f"Its numbers refitted within their tolerances make the {SHOWN_S} s position error on held-out data "
+        f"{error.rms['refit']:.3g} m instead of {error.rms['base']:.3g} m"
+    )
+    if error.ci95["refit"][1] < error.ci95["base"][0]:
+        return f"{better}: use refitted.toml."
+    return (
+        f"{better}, which may be chance in {error.windows} windows of which {error.blocks} "
+        f"{'counts' if error.blocks == 1 else 'count'} as independent: keep its file, or record more to be sure."
     )
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,56 +26,70 @@ LISTED = (
 RANDOM_SEED, PAIR_SEED = 10_000, 20_000
 LATE_S = 8.0
 Case = tuple[int, tuple[Fault, ...]]
+Trial = tuple[Verdict, Case]
 
 
-def listed(full: bool) -> Iterator[Line]:
-    """The design's list, seed 1 (--full: ten seeds)"""
-    seeds = range(1, 11) if full else (1,)
-    yield from _lines("listed", [(seed, (parse(line),)) for line in LISTED for seed in seeds])
-
-
-def single(full: bool) -> Iterator[Line]:
-    """Single faults drawn at random: 40 (--full: 300)"""
-    seeds = range(RANDOM_SEED, RANDOM_SEED + (300 if full else 40))
-    yield from _lines("random", [(seed, (draw(seed),)) for seed in seeds])
-
-
-def pairs(full: bool) -> Iterator[Line]:
-    """Pairs of faults drawn at random: 14 (--full: 100)"""
-    seeds = range(PAIR_SEED, PAIR_SEED + (100 if full else 14))
-    yield from _lines("pairs", [(seed, (draw(seed), draw(seed + 500))) for seed in seeds])
+def noticed(full: bool) -> Iterator[Line]:
+    """The design's list, seed 1, 40 single faults and 14 pairs at random (--full: ten seeds, 300, 100), as one"""
+    sets: dict[str, list[Case]] = {
+        "listed": [(seed, (parse(line),)) for line in LISTED for seed in (range(1, 11) if full else (1,))],
+        "random": [(seed, (draw(seed),)) for seed in range(RANDOM_SEED, RANDOM_SEED + (300 if full else 40))],
+        "pairs": [(s, (draw(s), draw(s + 500))) for s in range(PAIR_SEED, PAIR_SEED + (100 if full else 14))],
+    }
+    trials: list[Trial] = []
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for name, cases in sets.items():
+            of_set = list(zip(pool.map(_drive, cases), cases, strict=True))
+            _tell(of_set)
+            for figure in _figures(of_set):
+                yield information(f"{name}: {figure.text}", figure.value, figure.unit, figure.note)
+            trials += of_set
+    for figure in _figures(trials):
+        yield figure.judge(figure.text, figure.value, figure.goal, figure.unit, figure.note)
 
 
 def _drive(case: Case) -> Verdict:
     return trial(case[0], *case[1])
 
 
-def _lines(name: str, cases: Sequence[Case]) -> Iterator[Line]:
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        verdicts = list(pool.map(_drive, cases))
-    failed = [v for v in verdicts if v.failed]
-    for v in failed:
-        print(
-            f"  failed: seed {v.seed}, {'; '.join(v.faults)}: healthy and wrong {v.healthy_wrong_s:.1f} s, beyond the"
-            f" fence {v.beyond_s:.1f} s, high thrust {v.high_s:.1f} s, ends in {v.mode}"
-        )
-    yield at_most(f"{name}: FAILED", 100 * len(failed) / len(cases), 2.0, "%", f"{len(failed)} of {len(cases)}")
-    silent = sum(v.failed and math.isinf(_alerted_s(v, c)) for v, c in zip(verdicts, cases, strict=True))
-    yield exactly(f"{name}: FAILED without an alert", silent, 0)
-    moved = [(v, c) for v, c in zip(verdicts, cases, strict=True) if v.wrong_m > MOVED_M]
-    for v, case in moved:
-        if (delay_s := _delay_s(v, case)) > LATE_S:
+def _tell(trials: Sequence[Trial]) -> None:
+    """Those that failed, and those that were told late."""
+    for v, case in trials:
+        if v.failed:
+            print(
+                f"  failed: seed {v.seed}, {'; '.join(v.faults)}: healthy and wrong {v.healthy_wrong_s:.1f} s, beyond"
+                f" the fence {v.beyond_s:.1f} s, high thrust {v.high_s:.1f} s, ends in {v.mode}"
+            )
+        elif v.wrong_m > MOVED_M and (delay_s := _delay_s(v, case)) > LATE_S:
             print(
                 f"  late: seed {v.seed}, {'; '.join(v.faults)}: told after {delay_s:.1f} s, wrong by {v.wrong_m:.1f} m"
             )
-    if moved:
-        delays, literal = [_delay_s(v, c) for v, c in moved], [_alerted_s(v, c) for v, c in moved]
-        yield at_most(f"{name}: from fault to alert, median", float(np.median(delays)), 2.0, "s", f"of {len(delays)}")
-        yield at_most(f"{name}: from fault to alert, 95 %", float(np.percentile(delays, 95)), LATE_S, "s")
-        since_any = f"{name}: since the first fault began, driving or not: median, 95 %"
-        yield information(since_any, float(np.median(literal)), "s", f"{np.percentile(literal, 95):.1f} s")
-    if all(len(faults) == 1 for _, faults in cases):
-        yield from _names(name, verdicts, [faults[0] for _, faults in cases])
+
+
+class Figure(NamedTuple):
+    """One figure of a set of trials, and what is asked of it where all sets are one."""
+
+    text: str
+    value: float
+    judge: Callable[..., Line]
+    goal: float
+    unit: str = ""
+    note: str = ""
+
+
+def _figures(trials: Sequence[Trial]) -> Iterator[Figure]:
+    """How many failed; from fault to alert, of those that moved; what was named."""
+    failed = [(v, c) for v, c in trials if v.failed]
+    yield Figure("FAILED", 100 * len(failed) / len(trials), at_most, 2.0, "%", f"{len(failed)} of {len(trials)}")
+    yield Figure("FAILED without an alert", sum(math.isinf(_alerted_s(v, c)) for v, c in failed), exactly, 0)
+    if moved := [(v, c) for v, c in trials if v.wrong_m > MOVED_M]:
+        delays = [_delay_s(v, c) for v, c in moved]
+        literal = [_alerted_s(v, c) for v, c in moved]
+        since_any = "since the first fault began, driving or not: median {:.1f} s, 95 % {:.1f} s"
+        note = since_any.format(np.median(literal), np.percentile(literal, 95))
+        yield Figure("from fault to alert, median", np.median(delays), at_most, 2.0, "s", f"of {len(delays)}; {note}")
+        yield Figure("from fault to alert, 95 %", np.percentile(delays, 95), at_most, LATE_S, "s")
+    yield from _names([(v, c[0]) for v, (_, c) in trials if len(c) == 1])
 
 
 def _alerted_s(verdict: Verdict, case: Case) -> float:
@@ -92,23 +107,19 @@ def _delay_s(verdict: Verdict, case: Case) -> float:
     return max(0.0, first + verdict.first_alert_s(first) - max(began, drives))
 
 
-def _names(name: str, verdicts: Sequence[Verdict], faults: Sequence[Fault]) -> Iterator[Line]:
-    """Kind, and which one, of those that were named."""
-    named = [
-        (v.named[0], f) for v, f in zip(verdicts, faults, strict=True) if v.named and f.family in ("sensor", "thruster")
-    ]
-    if not named:
-        return
-    kind = [found[1] == fault.family for found, fault in named]
-    yield at_least(f"{name}: right kind named", 100 * float(np.mean(kind)), 90.0, "%", f"of {len(named)} named")
+def _names(trials: Sequence[tuple[Verdict, Fault]]) -> Iterator[Figure]:
+    """Kind, and which one, of single faults that were named."""
+    named = [(v.named[0], fault) for v, fault in trials if v.named and fault.family in ("sensor", "thruster")]
     right = [_is_right(found[2], fault) for found, fault in named if found[1] == fault.family]
-    if right:
-        yield at_least(f"{name}: right sensor or thruster", 100 * float(np.mean(right)), 80.0, "%", f"of {len(right)}")
+    if not right:
+        return
+    note = f"of {len(named)} named, of {len(trials)}"
+    yield Figure("right kind named", 100 * len(right) / len(named), at_least, 90.0, "%", note)
+    yield Figure("right sensor or thruster", 100 * float(np.mean(right)), at_least, 80.0, "%", f"of {len(right)}")
     wrong = sum(
         found[1] == "thruster" and not (f.family == "thruster" and _is_right(found[2], f)) for found, f in named
     )
-    yield at_most(f"{name}: wrong thruster", 100 * wrong / len(named), 3.0, "%")
-    yield information(f"{name}: named at all", 100 * len(named) / len(verdicts), "%")
+    yield Figure("wrong thruster", 100 * wrong / len(named), at_most, 3.0, "%")
 
 
 THRUSTERS = tuple(t.name for t in setup(None).pilot.vessel.thrusters)
@@ -129,4 +140,4 @@ def _is_right(what: str, fault: Fault) -> bool:
     return what in SENSORS[fault.target]
 
 
-PARTS = (listed, single, pairs)
+PARTS = (noticed,)

@@ -187,6 +187,24 @@ def dead_columns(run: Run) -> list[str]:
     return [*(column for column in INERTIAL if dead(column)), *(place if dead(*place) else ())]
 
 
+def held_rows(run: Run) -> np.ndarray:
+    """Rows (rows,) whose position is only that of the row before, written again; none where that is no habit of a log.
+
+    A position that is held until the next one comes stands in most rows, and a boat that rests repeats it, too: what
+    tells them apart is that of positions which differ, more than half are repeated.
+    """
+    place = run.table.select("north_m", "east_m").to_numpy()
+    known = np.flatnonzero(~np.isnan(place).any(axis=1))
+    again = np.zeros(len(place), dtype=bool)
+    if len(known) < 2:
+        return again
+    same = (np.diff(place[known], axis=0) == 0).all(axis=1)
+    lengths = np.diff(np.append(np.flatnonzero(np.append(True, ~same)), len(known)))
+    if np.median(lengths) >= 2:
+        again[known[1:]] = same
+    return again
+
+
 def _disagreeing(run: Run) -> Iterator[LogProblem]:
     """Change of heading against the integral of the yaw rate, over windows: their ratio shows wrong units and signs."""
     if not (run.known("psi_rad") and run.known("r_rad_s")):

@@ -21,7 +21,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.fingerprint import fingerprint, overlap
-from companion.logs.runs.problems import dead_columns
+from companion.logs.runs.problems import dead_columns, held_rows
 from companion.logs.runs.run import LogProblem, Run, RunError
 from companion.logs.runs.splits import HeldOut, Interval, alternate, length_s, parts, recording_intervals, tail
 from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, inside_edges
@@ -32,6 +32,8 @@ LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
 DEAD_SENSOR = "dead sensor"
 """Kind of the problem that columns are left out because they hold one value throughout."""
+HELD_POSITIONS = "held positions"
+"""Kind of the problem that positions are written again until the next one comes."""
 NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
 
 
@@ -141,6 +143,7 @@ def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
         text = f"{', '.join(dead)}: the same value in every sample, which no sensor gives: left out, as if blank"
         blank = run.table.with_columns(pl.lit(None, pl.Float64).alias(column) for column in dead)
         run = Run(blank, run.meta).with_notes([LogProblem(kind=DEAD_SENSOR, text=text)])
+    run = _without_held_positions(run)
     for column, what in (("psi_rad", "heading"), ("north_m", "position"), *((f"pwm_{n}", "commands") for n in names)):
         if not run.known(column):
             hint = "; `aritra log export --uwb` joins a UWB log to a .bin or .tlog" if column == "north_m" else ""
@@ -148,6 +151,19 @@ def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
             raise JobError(f"{log.name}: {column}: {state} throughout; nothing can be identified without {what}{hint}")
     others = [c for c in run.table.columns if not c.startswith("pwm_")]
     return NamedLog(log.name, Run(run.table.select(*(f"pwm_{n}" for n in names), *others), run.meta))
+
+
+def _without_held_positions(run: Run) -> Run:
+    """`run` with each position where it was new: those that are only written again are late by up to a period."""
+    again = held_rows(run)
+    if not again.any():
+        return run
+    blank = (pl.when(pl.Series(again)).then(None).otherwise(pl.col(name)).alias(name) for name in ("north_m", "east_m"))
+    text = (
+        f"north_m, east_m: {100 * again.mean():.0f} % of the rows repeat the position before, as if it was held until "
+        "the next: each is used where it was new"
+    )
+    return Run(run.table.with_columns(blank), run.meta).with_notes([LogProblem(kind=HELD_POSITIONS, text=text)])
 
 
 def split_at_pauses(run: Run) -> list[Run]:

@@ -21,10 +21,11 @@ SURE_NATS, AHEAD_NATS = 15.0, 5.0
 """So much for a hypothesis against `sound`, and against the next one; assumed: beyond 1 in a million by chance."""
 ASK_NATS = 5.0
 """From so much on forces that cancel each other are commanded, which tell one thruster from the others; assumed."""
-FINE_GAIN, DEAD_GAIN, REVERSED_GAIN = 0.75, 0.2, -0.25
-"""A gain above the first is fine, below the second dead, below the third reversed."""
-DEAD_N = 1.5
-"""A thruster that is stuck at less is dead; assumed: half of what the boat asks with."""
+FINE_GAIN, DEAD_GAIN, REVERSED_GAIN = 0.75, 0.3, -0.25
+"""A gain above the first is fine, below the second dead, for it would take three times its pulse; below the third
+reversed."""
+DEAD_SHARE = 0.08
+"""A thruster that is stuck at what may be less than this share of its limit may as well be dead; assumed."""
 WAVE_TICKS, PUSHED_NATS = 30, 40.0
 """A push, or a bad accelerometer, needs so many residuals and nats, which tell it from waves: those of 0.2 m make up to
 25 nats within their first periods."""
@@ -119,7 +120,10 @@ class ThrusterVerdicts:
         h, mean = self._bank.hypotheses[k], state.bank.mean[k]
         if h.kind == "gain":
             return _is_dead(1.0 + float(mean[3 + h.i]))
-        return h.kind == "stuck" and abs(float(mean[-1])) < DEAD_N
+        if h.kind != "stuck":
+            return False
+        at_least_n = abs(float(mean[-1])) - 2.0 * float(np.sqrt(state.bank.P[k, -1, -1]))
+        return at_least_n < DEAD_SHARE * self._vessel.thrusters[h.i].most_N
 
     def _undecided(
         self, state: ThrusterState, rivals: list[ThrustHypothesis], view: TickView

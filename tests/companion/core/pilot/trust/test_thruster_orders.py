@@ -115,11 +115,28 @@ def test_three_thrusters_that_changed_places_are_told_apart_by_two_findings():
     assert [pulses[hangs.index(i)] for i in range(4)] == list(sound)
 
 
-def test_what_a_thruster_explains_nearly_as_well_as_any_push_is_that_thruster():
-    nats = np.zeros_like(BANK.initial().nats)
-    for h, found in ((ThrustHypothesis("pushed"), 20.0), (ThrustHypothesis("stuck", 1), 16.0)):
-        nats[BANK.hypotheses.index(h)] = found
+def judged(**found):
+    """What is found where hypotheses KIND_I stand at (nats, last of the mean, its sigma)."""
     bank = BANK.initial()
-    bank.mean[BANK.hypotheses.index(ThrustHypothesis("stuck", 1)), -1] = 30.0
-    state, _ = VERDICTS.judge(replace(MONITOR.initial, bank=replace(bank, nats=nats)), TickView(0, 0, None, 0, True))
+    for name, (nats, mean, sigma) in found.items():
+        kind, _, i = name.partition("_")
+        k, at = BANK.hypotheses.index(ThrustHypothesis(kind, int(i or -1))), 3 + int(i) if kind == "gain" else -1
+        bank.nats[k], bank.mean[k, at], bank.P[k, at, at] = nats, mean, sigma**2
+    return VERDICTS.judge(replace(MONITOR.initial, bank=bank), TickView(0, 0, None, 0, True))[0]
+
+
+def test_what_a_thruster_explains_nearly_as_well_as_any_push_is_that_thruster():
+    state = judged(pushed=(20.0, 0.0, 1.0), stuck_1=(16.0, 30.0, 1.0))
     assert [f.what for f in state.findings] == [VESSEL.thrusters[1].name]
+
+
+def test_a_thruster_that_gives_nothing_or_may_be_stuck_at_a_little_is_dead():
+    dead = judged(gain_0=(17.0, -0.95, 0.1), stuck_0=(15.0, 5.0, 2.0))
+    assert dead.health.gains[0] == 0.0 and dead.health.stuck_n[0] is None
+    undecided = judged(gain_0=(17.0, -0.95, 0.1), stuck_0=(15.0, 12.0, 2.0))
+    assert undecided.suspected and not undecided.findings
+
+
+def test_a_thruster_that_gives_a_quarter_is_not_asked_for_four_times_as_much():
+    state = judged(gain_2=(17.0, -0.75, 0.1))
+    assert state.health.gains[2] == 0.0 and REMAINING.redistribute(AHEAD, state.health)[2] == 0.0

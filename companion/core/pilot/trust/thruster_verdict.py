@@ -201,7 +201,7 @@ def _is_dead(gain: float) -> bool:
 def _gain_words(gain: float) -> str:
     if gain < 0:
         return "pushes the wrong way: its pulses are turned round"
-    return "does not push" if gain == 0 else f"gives {100 * gain:.0f} % of its force"
+    return "pushes hardly or not at all" if gain == 0 else f"gives {100 * gain:.0f} % of its force"
 
 
 def _words(h: ThrustHypothesis, names: list[str]) -> str:

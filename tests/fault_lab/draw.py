@@ -7,10 +7,11 @@ import numpy as np
 from tests.fault_lab.fault import KINDS, NUMBERED, Fault
 
 BEGINS_S, LASTS_S = (0.0, 70.0), (4.0, 30.0)
+PUSH_N, PUSH_LASTS_S = (10.0, 40.0), (2.0, 5.0, 20.0, 60.0)
 
 
-def draw(seed: int, exclude: tuple[str, ...] = ()) -> Fault:
-    """One fault; targets alike, then kinds alike. `exclude`: targets that are not wanted."""
+def draw(seed: int, exclude: tuple[str, ...] = ("boat",)) -> Fault:
+    """One fault; targets alike, then kinds alike. `exclude`: targets that are not wanted; a push is no fault."""
     rng = np.random.default_rng([seed, 2026])
     target = str(rng.choice([t for t in KINDS if t not in exclude]))
     kind = str(rng.choice(list(KINDS[target])))
@@ -23,3 +24,10 @@ def draw(seed: int, exclude: tuple[str, ...] = ()) -> Fault:
         if kind == "swapped":  # with one of the other three
             size = float((number + int(rng.integers(1, NUMBERED[target])) - 1) % NUMBERED[target] + 1)
     return Fault(target, kind, number, size, from_s, to_s)
+
+
+def push(seed: int) -> Fault:
+    """One push, from shorter than a verdict to longer than the mission."""
+    rng = np.random.default_rng([seed, 8])
+    size, from_s = round(float(rng.uniform(*PUSH_N)), 1), round(float(rng.uniform(*BEGINS_S)), 1)
+    return Fault("boat", "pushed", 0, size, from_s, round(from_s + float(rng.choice(PUSH_LASTS_S)), 1))

@@ -26,8 +26,9 @@ KINDS: dict[str, dict[str, tuple[float, float] | None]] = {
     "imu": {"stuck": None},
     "wire": {"silent": None, "delay": (0.1, 0.8), "lost": (0.1, 0.9)},
     "battery": {"sag": (11.0, 14.0)},
+    "boat": {"pushed": (10.0, 40.0)},
 }  # fmt: skip
-"""Target -> kind -> range of sizes of random faults [share, us, m, degrees, deg/s, rad/s, m/s^2, s, V] or None."""
+"""Target -> kind -> range of sizes of random faults [share, us, m, degrees, deg/s, rad/s, m/s^2, s, V, N] or None."""
 
 NUMBERED = {"thruster": 4, "anchor": 4}
 """Targets of which there are several."""
@@ -58,8 +59,9 @@ class Fault:
 
     @property
     def family(self) -> str:
-        """What it should be called: sensor, thruster, link or power."""
+        """What it should be called: sensor, thruster, link, power or surroundings."""
         kin = {"thruster": "thruster", "thrusters": "thruster", "wire": "link", "battery": "power"}
+        kin["boat"] = "surroundings"
         return kin.get(self.target, "sensor")
 
     def __str__(self) -> str:

@@ -13,12 +13,16 @@ from dataclasses import replace
 import numpy as np
 
 from companion.core.model.thrusters import force_from_pwm, pwm_from_force
+from sim.world.environment import Moment
+from sim.world.plant import Motion
 from sim.world.sensors import ImuReading
 from sim.world.world import STEP_NS, Outgoing, World, WorldSetup
 from tests.fault_lab.fault import Fault
 from tests.fault_lab.faulty_ranges import FaultyRanges
 
 NEUTRAL_US = 1500
+PUSH_ARM_M, PUSH_RAMP_S = 0.3, 1.0
+"""How far from the origin it is pushed, at most, and how soon; assumed."""
 
 
 Spoil = Callable[[Fault, ImuReading, ImuReading, float, np.random.Generator], dict]
@@ -92,6 +96,9 @@ class FaultyWorld(World):
         self.imu = FaultyImu(self.imu, self._of("heading", "gyro", "accel", "imu"), rng)
         self.uwb_sensor = FaultyRanges(self.uwb_sensor, setup.site.anchors, self._of("uwb", "anchor"), rng)
         self._rng, self._late = rng, list[tuple[int, tuple]]()
+        self._push = rng.uniform(-math.pi, math.pi), rng.uniform(-PUSH_ARM_M, PUSH_ARM_M)
+        if pushes := self._of("boat"):
+            self.plant.step = self._pushed(self.plant.step, pushes)
 
     def _of(self, *targets: str) -> list[Fault]:
         return [f for f in self.faults if f.target in targets]
@@ -106,6 +113,18 @@ class FaultyWorld(World):
             if fault.acts(t_s):
                 self.plant.voltage_v = fault.size
         return super().advance([round(p) for p in pulses], step_ns)
+
+    def _pushed(self, step: Callable[..., Motion], pushes: Sequence[Fault]) -> Callable[..., Motion]:
+        """The plant's step while something pushes the boat, in one direction of the basin, beside its origin."""
+        towards_rad, arm_m = self._push
+
+        def pushed(moment: Moment, step_ns: int | None = None) -> Motion:
+            t_s, psi = self.t_ns * 1e-9, self.plant.motion.x[2]
+            force_n = sum(f.size * min(1.0, (t_s - f.from_s) / PUSH_RAMP_S) for f in pushes if f.acts(t_s))
+            X, Y = force_n * math.cos(towards_rad - psi), force_n * math.sin(towards_rad - psi)
+            return step(replace(moment, wave_n=moment.wave_n + np.array([X, Y, force_n * arm_m])), step_ns)
+
+        return pushed
 
     def _spoil(self, pulses: list, fault: Fault) -> None:
         which = range(len(pulses)) if fault.target == "thrusters" else [fault.number - 1]

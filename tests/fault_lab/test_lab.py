@@ -50,6 +50,13 @@ def test_a_thruster_that_sticks_is_named_before_the_boat_has_left_its_place(numb
 
 
 @pytest.mark.long
+def test_a_push_is_no_thruster():
+    """It was taken for one that sticks at 25 N."""
+    verdict = trial(84009, "boat pushed 24.6 from 25.7 to 30.7", duration_s=60.0)
+    assert not [named for named in verdict.named if named[1] == "thruster"] and not verdict.failed
+
+
+@pytest.mark.long
 def test_a_reversed_thruster_is_named_within_seconds_and_the_boat_drives_on():
     verdict = trial(4, "thruster 1 reversed from 25", duration_s=60.0)
     assert not verdict.failed and verdict.mode == "auto" and verdict.high_s < 1.0

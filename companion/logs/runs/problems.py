@@ -191,7 +191,8 @@ def held_rows(run: Run) -> np.ndarray:
     """Rows (rows,) whose position is only that of the row before, written again; none where that is no habit of a log.
 
     A position that is held until the next one comes stands in most rows, and a boat that rests repeats it, too: what
-    tells them apart is that of positions which differ, more than half are repeated.
+    tells them apart is that of positions which differ, more than half are repeated. One is held for the median of these
+    lengths; where the boat rests for longer, one for each such length counts.
     """
     place = run.table.select("north_m", "east_m").to_numpy()
     known = np.flatnonzero(~np.isnan(place).any(axis=1))
@@ -199,9 +200,10 @@ def held_rows(run: Run) -> np.ndarray:
     if len(known) < 2:
         return again
     same = (np.diff(place[known], axis=0) == 0).all(axis=1)
-    lengths = np.diff(np.append(np.flatnonzero(np.append(True, ~same)), len(known)))
-    if np.median(lengths) >= 2:
-        again[known[1:]] = same
+    first = np.flatnonzero(np.append(True, ~same))
+    lengths = np.diff(np.append(first, len(known)))
+    if (held := round(float(np.median(lengths)))) >= 2:
+        again[known] = (np.arange(len(known)) - np.repeat(first, lengths)) % held != 0
     return again
 
 

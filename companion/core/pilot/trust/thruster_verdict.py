@@ -19,13 +19,19 @@ from companion.core.pilot.trust.verdict import Finding
 
 SURE_NATS, AHEAD_NATS = 15.0, 5.0
 """So much for a hypothesis against `sound`, and against the next one; assumed: beyond 1 in a million by chance."""
+LEAD_NATS = 3.0
+"""So much ahead of a push a thruster must be that sticks: it may not have been told anything else yet. Assumed: pushes
+of 10 to 40 N that were taken for one were 2 behind in the median, and stuck ones are ahead by 3 within 1.3 s."""
 ASK_NATS = 5.0
 """From so much on forces that cancel each other are commanded, which tell one thruster from the others; assumed."""
-FINE_GAIN, DEAD_GAIN, REVERSED_GAIN = 0.75, 0.3, -0.25
-"""A gain above the first is fine, below the second dead, for it would take three times its pulse; below the third
-reversed."""
+FINE_GAIN, SPARED_GAIN, DEAD_GAIN, REVERSED_GAIN = 0.75, 0.3, 0.2, -0.25
+"""A gain above the first is fine; below the second a thruster that can be spared is dead, for it would take three times
+its pulse; below the third any is; below the last it is reversed. Assumed."""
 DEAD_SHARE = 0.08
-"""A thruster that is stuck at what may be less than this share of its limit may as well be dead; assumed."""
+"""A thruster that is stuck at what may be less than this share of its limit, and surely is bearable, may as well be
+dead; assumed."""
+LEAST_TICKS = 10
+"""A bank that begins has not seen how much residuals change; assumed."""
 WAVE_TICKS, PUSHED_NATS = 30, 40.0
 """A push, or a bad accelerometer, needs so many residuals and nats, which tell it from waves: those of 0.2 m make up to
 25 nats within their first periods."""
@@ -78,6 +84,9 @@ class ThrusterVerdicts:
     def __init__(self, vessel: VesselFile, bank: ThrusterBank):
         self._vessel, self._bank = vessel, bank
         self._names = [t.name for t in vessel.thrusters]
+        rank, n = np.linalg.matrix_rank(bank.B), bank.B.shape[1]
+        self._spared = [np.linalg.matrix_rank(np.delete(bank.B, i, axis=1)) == rank for i in range(n)]
+        self._pushed = bank.hypotheses.index(ThrustHypothesis("pushed"))
 
     def is_bearable(self, i: int, stuck_n: float | None) -> bool:
         """Whether the others can hold against thruster `i`, stuck at this force (None: not stuck)."""
@@ -90,40 +99,47 @@ class ThrusterVerdicts:
         order = [k for k in np.argsort(nats)[::-1] if not (kinds[k].kind == "gain" and stuck[kinds[k].i] is not None)]
         best = order[0]
         report = report_of(state)
-        asks = nats[best] >= ASK_NATS and kinds[best].is_thruster and not view.suspect
-        state = replace(state, probing=asks)
-        if nats[best] < SURE_NATS or view.suspect:
-            return state, report
         near = [k for k in order if nats[k] > nats[best] - AHEAD_NATS]
+        asks = any(nats[k] >= ASK_NATS and kinds[k].is_thruster for k in near) and not view.suspect
+        state = replace(state, probing=asks)
+        if nats[best] < SURE_NATS or view.suspect or state.bank.count < LEAST_TICKS:
+            return state, report
         dead = [k for k in near if kinds[k].i == kinds[best].i and self._says_dead(state, k)]
         if best in dead:  # to give nothing of what is asked for, and to be stuck at nothing, is the same
             near = [k for k in near if k not in dead]
-            best = min(dead)
-        if kinds[best].kind == "pushed" and (thrusters := [k for k in near if kinds[k].is_thruster]):
-            best = thrusters[0]  # a push would have to push just as this thruster does
-            near = [k for k in order if nats[k] > nats[best] - AHEAD_NATS]
-        rivals = [kinds[k] for k in near if k != best]
-        if kinds[best].kind != "pushed":  # that would have to push just as a thruster or a bad accelerometer does
-            rivals = [h for h in rivals if h.kind != "pushed"]
-        if kinds[best].kind == "pushed" and rivals and all(h.blames_accelerometer for h in rivals):
-            best, rivals = kinds.index(rivals[0]), []  # without the accelerometer the filter follows a push as well
-        if kinds[best].blames_accelerometer:  # however it is wrong, it is left out
-            rivals = [h for h in rivals if not h.blames_accelerometer]
+            best = max((k for k in dead if nats[k] >= SURE_NATS), key=lambda k: kinds[k].kind == "gain")
+        best, rivals = self._rivals(state, best, [k for k in near if k != best])
         if rivals:
             return self._undecided(state, [kinds[best], *rivals], view)
         if not kinds[best].blames_thrust and (state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS):
             return state, report
         return self.found(state, int(best), view)
 
+    def _rivals(self, state: ThrusterState, best: int, near: list[int]) -> tuple[int, list[ThrustHypothesis]]:
+        """What to believe, and what explains it as well, of the `best` and those that are near it."""
+        nats, kinds, h = state.bank.nats, self._bank.hypotheses, self._bank.hypotheses[best]
+        rivals = [kinds[k] for k in near]
+        if not h.blames_thrust or (h.kind == "stuck" and nats[best] > nats[self._pushed] + LEAD_NATS):
+            rivals = [r for r in rivals if r.kind != "pushed"]  # it would have to push just as that does
+        if h.kind == "pushed" and rivals and all(r.blames_accelerometer for r in rivals):
+            return kinds.index(rivals[0]), []  # without the accelerometer the filter follows a push as well
+        if h.blames_accelerometer:  # however it is wrong, it is left out
+            rivals = [r for r in rivals if not r.blames_accelerometer]
+        return best, rivals
+
     def _says_dead(self, state: ThrusterState, k: int) -> bool:
         """Whether by hypothesis `k` a thruster gives nothing."""
         h, mean = self._bank.hypotheses[k], state.bank.mean[k]
         if h.kind == "gain":
-            return _is_dead(1.0 + float(mean[3 + h.i]))
+            return self._is_dead(h.i, abs(state.health.gains[h.i]) * (1.0 + float(mean[3 + h.i])))
         if h.kind != "stuck":
             return False
-        at_least_n = abs(float(mean[-1])) - 2.0 * float(np.sqrt(state.bank.P[k, -1, -1]))
-        return at_least_n < DEAD_SHARE * self._vessel.thrusters[h.i].most_N
+        force_n, most_n = abs(float(mean[-1])), self._vessel.thrusters[h.i].most_N
+        at_least_n = force_n - 2.0 * float(np.sqrt(state.bank.P[k, -1, -1]))
+        return at_least_n < DEAD_SHARE * most_n and force_n < BEARABLE_SHARE / 2 * most_n
+
+    def _is_dead(self, i: int, gain: float) -> bool:
+        return REVERSED_GAIN < gain < (SPARED_GAIN if self._spared[i] else DEAD_GAIN)
 
     def _undecided(
         self, state: ThrusterState, rivals: list[ThrustHypothesis], view: TickView
@@ -145,14 +161,15 @@ class ThrusterVerdicts:
             gain, what = 1.0 + float(mean[3 + h.i]), self._names[h.i]
             if gain > FINE_GAIN and (gain < 1 / FINE_GAIN or abs(gains[h.i]) > FINE_GAIN):
                 return state, NOTHING
-            gain = 0.0 if _is_dead(gain) else max(-1.0, gain)
+            gain = 0.0 if self._is_dead(h.i, abs(gains[h.i]) * gain) else max(-1.0, gain)
             gains[h.i] *= -1.0 if gain < 0 else gain
             if gain > 1.0:  # one that was weak has come to its force again
                 share = 1.0 if abs(gains[h.i]) > FINE_GAIN else abs(gains[h.i])
                 gains[h.i] = math.copysign(share, gains[h.i])
                 text = f"thruster {what} gives {100 * share:.0f} % of its force again"
             else:
-                text = f"thruster {what} {_gain_words(gain)}; the others take over"
+                words = _gain_words(-1.0 if gain < 0 else abs(gains[h.i]))
+                text = f"thruster {what} {words}; the others take over{'' if self._spared[h.i] else ' what they can'}"
         elif h.kind == "stuck":
             what = self._names[h.i]
             stuck[h.i] = force = float(mean[-1])
@@ -192,10 +209,6 @@ class ThrusterVerdicts:
 def report_of(state: ThrusterState, *alerts: Alert) -> MonitorReport:
     """The condition that holds, and alerts."""
     return MonitorReport({"crippled": state.hopeless} if state.hopeless else {}, alerts)
-
-
-def _is_dead(gain: float) -> bool:
-    return REVERSED_GAIN < gain < DEAD_GAIN
 
 
 def _gain_words(gain: float) -> str:

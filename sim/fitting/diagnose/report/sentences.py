@@ -161,7 +161,7 @@ def _kept(held_out: HeldOutScore) -> str:
         f"Its numbers refitted within their tolerances make the {SHOWN_S} s position error on held-out data "
         f"{error.rms['refit']:.3g} m instead of {error.rms['base']:.3g} m"
     )
-    if error.ci95["refit"][1] < error.ci95["base"][0]:
+    if error.refit_gain_ci95[0] > 0:
         return f"{better}: use refitted.toml."
     return (
         f"{better}, which may be chance in {error.windows} windows of which {error.blocks} "

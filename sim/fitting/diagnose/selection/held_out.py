@@ -46,11 +46,13 @@ LATE_S = 0.5  # beginning of a window whose fixes belong to the window before, b
 QUANTILES = (0.025, 0.975)
 SHOWN = (0.5, 0.9)  # quantiles of the position error of the windows in the report
 MODELS = ("base", "refit", "extended")
+COMPARED = (("extended", "refit"), ("refit", "base"))
 
 
 @dataclass(frozen=True)
 class OpenLoopError:
-    """Rms error of one channel at one horizon by model, each with a 95 % interval; gain of extended over refit.
+    """Rms error of one channel at one horizon by model, each with a 95 % interval; gain of extended over refit, and the
+    interval of that of refit over base.
 
     From `windows` in `blocks` that count as independent; with one block the intervals are unbounded.
     """
@@ -62,6 +64,7 @@ class OpenLoopError:
     ci95: dict[str, tuple[float, float]]
     gain: float
     gain_ci95: tuple[float, float]
+    refit_gain_ci95: tuple[float, float]
     windows: int
     blocks: int
 
@@ -248,13 +251,14 @@ def _error(
         if count < LEAST_BLOCKS:
             logs = {name: _left_out(sums[known]) for name, sums in blocks.items()}
             ends = {name: np.exp(_student(values)) for name, values in logs.items()}
-            low, high = 1 - np.exp(_student(logs["extended"] - logs["refit"]))[::-1]
+            gains = [1 - np.exp(_student(logs[a] - logs[b]))[::-1] for a, b in COMPARED]
         else:
             drawn = {name: np.sqrt(draws @ s[:, 0] / np.maximum(draws @ s[:, 1], 1)) for name, s in blocks.items()}
             ends = {name: np.quantile(values, QUANTILES) for name, values in drawn.items()}
-            low, high = np.quantile(np.nan_to_num(1 - drawn["extended"] / drawn["refit"]), QUANTILES)
+            gains = [np.quantile(np.nan_to_num(1 - drawn[a] / drawn[b]), QUANTILES) for a, b in COMPARED]
     ci95 = {name: (float(e[0]), float(e[1])) for name, e in ends.items()}
-    return OpenLoopError(horizon, channel, unit, rms, ci95, gain, (float(low), float(high)), windows, count)
+    of_causes, of_refit = ((float(low), float(high)) for low, high in gains)
+    return OpenLoopError(horizon, channel, unit, rms, ci95, gain, of_causes, of_refit, windows, count)
 
 
 def _left_out(sums: np.ndarray) -> np.ndarray:

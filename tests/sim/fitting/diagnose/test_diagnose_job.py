@@ -144,20 +144,17 @@ def test_with_nothing_named_the_page_says_what_would_have_been_seen(weak):
 
 
 @pytest.mark.parametrize(
-    ("refit", "ends"),
+    ("refit", "gain", "ends"),
     [
-        ((0.2, 0.1, 0.3), "0.2 m instead of 1 m: use refitted.toml."),
-        ((0.2, 0.0, math.inf), "keep its file, or record more to be sure."),
-        ((0.95, 0.9, 0.99), "Keep its file."),
+        (0.2, (0.7, 0.9), "0.2 m instead of 1 m: use refitted.toml."),
+        (0.2, (-math.inf, 1.0), "keep its file, or record more to be sure."),
+        (0.95, (0.01, 0.1), "Keep its file."),
     ],
 )
-def test_where_nothing_is_wrong_the_better_file_is_named(weak, refit, ends):
+def test_where_nothing_is_wrong_the_better_file_is_named(weak, refit, gain, ends):
     held = weak[2].held_out
     errors = tuple(
-        dataclasses.replace(
-            e, rms={**e.rms, "base": 1.0, "refit": refit[0]}, ci95={**e.ci95, "base": (0.9, 1.1), "refit": refit[1:]}
-        )
-        for e in held.errors
+        dataclasses.replace(e, rms={**e.rms, "base": 1.0, "refit": refit}, refit_gain_ci95=gain) for e in held.errors
     )
     held = dataclasses.replace(held, errors=errors)
     found = dataclasses.replace(weak[2], verdict="none", causes=(), held_out=held)

@@ -21,7 +21,9 @@ def _error(
     gain_ci95: tuple[float, float], after: float, blocks: int = 10, ci95: tuple[float, float] = (0.9, 1.3)
 ) -> OpenLoopError:
     rms = {"base": 1.2, "refit": 1.0, "extended": after}
-    return OpenLoopError(10, "position", "m", rms, dict.fromkeys(MODELS, ci95), 1 - after, gain_ci95, 40, blocks)
+    return OpenLoopError(
+        10, "position", "m", rms, dict.fromkeys(MODELS, ci95), 1 - after, gain_ci95, gain_ci95, 40, blocks
+    )
 
 
 def test_channels_without_data_have_no_picture():

@@ -14,6 +14,7 @@ from companion.core.pilot.trust.remaining_thrust import RemainingThrust, Thruste
 from companion.core.pilot.trust.thruster_monitor import ThrusterMonitor
 from companion.core.pilot.trust.thruster_verdict import ThrusterVerdicts
 from tests.support.drive_fixture import setup
+from tests.support.vessel_fixtures import boat
 
 VESSEL = setup().pilot.vessel
 B, M = configuration_matrix(VESSEL), mass_matrix(VESSEL)
@@ -115,28 +116,51 @@ def test_three_thrusters_that_changed_places_are_told_apart_by_two_findings():
     assert [pulses[hangs.index(i)] for i in range(4)] == list(sound)
 
 
-def judged(**found):
+def judged(verdicts=VERDICTS, bank=BANK, **found):
     """What is found where hypotheses KIND_I stand at (nats, last of the mean, its sigma)."""
-    bank = BANK.initial()
+    state = replace(bank.initial(), count=100)
     for name, (nats, mean, sigma) in found.items():
         kind, _, i = name.partition("_")
-        k, at = BANK.hypotheses.index(ThrustHypothesis(kind, int(i or -1))), 3 + int(i) if kind == "gain" else -1
-        bank.nats[k], bank.mean[k, at], bank.P[k, at, at] = nats, mean, sigma**2
-    return VERDICTS.judge(replace(MONITOR.initial, bank=bank), TickView(0, 0, None, 0, True))[0]
+        k, at = bank.hypotheses.index(ThrustHypothesis(kind, int(i or -1))), 3 + int(i) if kind == "gain" else -1
+        state.nats[k], state.mean[k, at], state.P[k, at, at] = nats, mean, sigma**2
+    health = ThrusterHealth.sound(bank.B.shape[1])
+    return verdicts.judge(replace(MONITOR.initial, bank=state, health=health), TickView(0, 0, None, 0, True))[0]
 
 
-def test_what_a_thruster_explains_nearly_as_well_as_any_push_is_that_thruster():
-    state = judged(pushed=(20.0, 0.0, 1.0), stuck_1=(16.0, 30.0, 1.0))
-    assert [f.what for f in state.findings] == [VESSEL.thrusters[1].name]
+@pytest.mark.parametrize(
+    ("found", "named"),
+    [
+        ({"stuck_1": (20.0, 30.0, 1.0), "pushed": (16.0, 0.0, 1.0)}, True),
+        ({"stuck_1": (20.0, 30.0, 1.0), "pushed": (18.0, 0.0, 1.0)}, False),
+        ({"stuck_1": (18.0, 30.0, 1.0), "pushed": (20.0, 0.0, 1.0)}, False),
+        ({"gain_1": (22.0, -2.0, 0.1), "pushed": (16.0, 0.0, 1.0)}, True),
+        ({"gain_1": (20.0, -2.0, 0.1), "pushed": (16.0, 0.0, 1.0)}, False),
+    ],
+)
+def test_a_thruster_is_named_where_a_push_explains_it_less_well(found, named):
+    state = judged(**found)
+    assert [f.what for f in state.findings] == [VESSEL.thrusters[1].name] * named
+    assert state.probing != named and bool(state.suspected) != named
 
 
 def test_a_thruster_that_gives_nothing_or_may_be_stuck_at_a_little_is_dead():
     dead = judged(gain_0=(17.0, -0.95, 0.1), stuck_0=(15.0, 5.0, 2.0))
     assert dead.health.gains[0] == 0.0 and dead.health.stuck_n[0] is None
-    undecided = judged(gain_0=(17.0, -0.95, 0.1), stuck_0=(15.0, 12.0, 2.0))
+    undecided = judged(gain_0=(17.0, -0.95, 0.1), stuck_0=(15.0, 12.0, 6.0))
     assert undecided.suspected and not undecided.findings
+    stuck = judged(gain_0=(14.0, -0.95, 0.1), stuck_0=(16.0, 5.0, 2.0))  # not what nobody is sure of
+    assert stuck.health.stuck_n[0] == 5.0
 
 
-def test_a_thruster_that_gives_a_quarter_is_not_asked_for_four_times_as_much():
+def test_a_thruster_that_gives_a_quarter_is_not_asked_for_four_times_as_much_where_it_can_be_spared():
     state = judged(gain_2=(17.0, -0.75, 0.1))
     assert state.health.gains[2] == 0.0 and REMAINING.redistribute(AHEAD, state.health)[2] == 0.0
+
+
+def test_of_two_thrusters_none_can_be_spared():
+    twin = boat("twin")
+    bank = ThrusterBank(configuration_matrix(twin), mass_matrix(twin))
+    verdicts = ThrusterVerdicts(twin, bank)
+    weak, dead = (judged(verdicts, bank, gain_0=(17.0, share - 1.0, 0.1)) for share in (0.25, 0.1))
+    assert weak.health.gains == (pytest.approx(0.25), 1.0) and dead.health.gains == (0.0, 1.0)
+    assert [s.findings[0].text.partition("; ")[2] for s in (weak, dead)] == ["the others take over what they can"] * 2

@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from companion.logs.runs.problems import dead_columns, grouped, problems
+from companion.logs.runs.problems import dead_columns, grouped, held_rows, problems
 from companion.logs.runs.run import LogProblem, Run
 from tests.companion.logs.readers.run_logs import clean_run
 
@@ -161,3 +161,13 @@ def test_columns_that_hold_one_value_throughout_are_dead():
     assert dead_columns(edited(fixed, -1, 99, east_m=lambda e: 0.0 * e)) == ["north_m", "east_m"]
     seven = edited(run, -1, 99, ax_m_s2=0.0).table.with_columns(ax_m_s2=pl.when(pl.int_range(pl.len()) < 7).then(0.0))
     assert dead_columns(Run(seven)) == []
+
+
+def test_positions_that_are_held_are_told_and_a_boat_that_rests_keeps_one_a_period():
+    run = clean_run()
+    assert not held_rows(run).any()
+    fix = pl.int_range(pl.len()) // 5
+    held = run.table.with_columns(
+        north_m=(pl.min_horizontal(fix, pl.len() // 10) * 0.3).cast(pl.Float64), east_m=pl.lit(2.0)
+    )
+    assert held_rows(Run(held)).tolist() == [row % 5 != 0 for row in range(held.height)]

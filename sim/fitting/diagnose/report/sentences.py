@@ -39,7 +39,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.causes:
         lines += [gain_sentence(diagnosis.held_out, len(diagnosis.causes)), *_outside(diagnosis)]
     if diagnosis.verdict == "none":
-        lines += [*_detection_limits(diagnosis), _kept(diagnosis.held_out)]
+        lines += [*_detection_limits(diagnosis), kept_sentence(diagnosis.held_out)]
     if _rough_reference(diagnosis):
         lines.append(
             f"The reference log {diagnosis.reference} holds more force that nobody can foretell than the logs "
@@ -152,7 +152,7 @@ def gain_sentence(held_out: HeldOutScore, count: int) -> str:
     )
 
 
-def _kept(held_out: HeldOutScore) -> str:
+def kept_sentence(held_out: HeldOutScore) -> str:
     """Which file to use where nothing is wrong: the numbers may be better within their tolerances all the same."""
     error = error_at(held_out, "position", SHOWN_S)
     if error is None or not error.rms["refit"] < (1 - WORTH) * error.rms["base"]:

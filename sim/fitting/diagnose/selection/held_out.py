@@ -40,19 +40,15 @@ STRIDE_S = 5.0
 WINDOWS_A_RUN = 2.2  # least number of windows in a run; a second at its beginning is not used
 MOST_WINDOWS = 160  # of 20 s: enough for intervals, few enough for an hour's log
 CHANNELS = {"position": "m", "heading": "deg", "yaw_rate": "deg/s", "surge_accel": "m/s^2", "sway_accel": "m/s^2"}
-BOOTSTRAPS = 1000
-LEAST_BLOCKS = 6  # for a bootstrap; assumed
+BOOTSTRAPS, LEAST_BLOCKS = 1000, 6  # draws, and least number of blocks for a bootstrap; assumed
 LATE_S = 0.5  # beginning of a window whose fixes belong to the window before, by latency; assumed
-QUANTILES = (0.025, 0.975)
-SHOWN = (0.5, 0.9)  # quantiles of the position error of the windows in the report
-MODELS = ("base", "refit", "extended")
-COMPARED = (("extended", "refit"), ("refit", "base"))
+QUANTILES, SHOWN = (0.025, 0.975), (0.5, 0.9)  # of intervals; of the windows' position errors in the report
+MODELS, COMPARED = ("base", "refit", "extended"), (("extended", "refit"), ("refit", "base"))
 
 
 @dataclass(frozen=True)
 class OpenLoopError:
-    """Rms error of one channel at one horizon by model, each with a 95 % interval; gain of extended over refit, and the
-    interval of that of refit over base.
+    """Rms error of one channel at one horizon by model; gain of extended over refit, refit over base; 95 % intervals.
 
     From `windows` in `blocks` that count as independent; with one block the intervals are unbounded.
     """

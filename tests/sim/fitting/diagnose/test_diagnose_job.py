@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 import re
 import shlex
 import textwrap
@@ -141,24 +140,6 @@ def test_with_nothing_named_the_page_says_what_would_have_been_seen(weak):
     first, second, *_ = sentences(found.with_wiring(WiringReport(findings=(finding,)), VESSEL))
     assert "front_port is reversed" in first and "put right, nothing else is wrong with aritra" in second
     assert "<h2>The causes" not in report(found)
-
-
-@pytest.mark.parametrize(
-    ("refit", "gain", "ends"),
-    [
-        (0.2, (0.7, 0.9), "0.2 m instead of 1 m: use refitted.toml."),
-        (0.2, (-math.inf, 1.0), "keep its file, or record more to be sure."),
-        (0.95, (0.01, 0.1), "Keep its file."),
-    ],
-)
-def test_where_nothing_is_wrong_the_better_file_is_named(weak, refit, gain, ends):
-    held = weak[2].held_out
-    errors = tuple(
-        dataclasses.replace(e, rms={**e.rms, "base": 1.0, "refit": refit}, refit_gain_ci95=gain) for e in held.errors
-    )
-    held = dataclasses.replace(held, errors=errors)
-    found = dataclasses.replace(weak[2], verdict="none", causes=(), held_out=held)
-    assert any(line.endswith(ends) for line in sentences(found))
 
 
 def test_a_reference_log_that_was_not_calm_is_said(weak):

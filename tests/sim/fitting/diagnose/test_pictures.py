@@ -1,11 +1,14 @@
 """Pictures of logs without inertial sensors, axes that hold all arrows, bars that say why nothing was named."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.quiver import Quiver
 
 from sim.fitting.diagnose.report import pictures
-from sim.fitting.diagnose.report.sentences import gain_sentence, size_text
+from sim.fitting.diagnose.report.sentences import gain_sentence, kept_sentence, size_text
 from sim.fitting.diagnose.selection.held_out import MODELS, HeldOutScore, OpenLoopError
 from sim.fitting.diagnose.selection.residual_forces import ResidualForces
 
@@ -79,3 +82,17 @@ def test_one_stretch_has_a_gain_but_no_interval_and_the_summary_says_so():
 def test_numbers_without_a_unit():
     assert size_text(0.153, "1") == "15 %"
     assert size_text(0.153, "") == "0.15"
+
+
+@pytest.mark.parametrize(
+    ("refit", "gain", "ends"),
+    [
+        (0.2, (0.7, 0.9), "0.2 m instead of 1 m: use refitted.toml."),
+        (0.2, (-math.inf, 1.0), "keep its file, or record more to be sure."),
+        (0.95, (0.01, 0.1), "Keep its file."),
+    ],
+)
+def test_where_nothing_is_wrong_the_better_file_is_named(refit, gain, ends):
+    error = replace(_error((0.0, 0.0), refit), refit_gain_ci95=gain)
+    error = replace(error, rms={**error.rms, "base": 1.0, "refit": refit})
+    assert kept_sentence(HeldOutScore((error,), {}, 10, ())).endswith(ends)

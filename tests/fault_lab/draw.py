@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.fault_lab.fault import KINDS, NUMBERED, Fault
+from tests.fault_lab.fault import KINDS, NUMBERED, PUSH_N, Fault
 
 BEGINS_S, LASTS_S = (0.0, 70.0), (4.0, 30.0)
-PUSH_N, PUSH_LASTS_S = (10.0, 40.0), (2.0, 5.0, 20.0, 60.0)
+PUSH_LASTS_S = (2.0, 5.0, 20.0, 60.0)
 
 
-def draw(seed: int, exclude: tuple[str, ...] = ("boat",)) -> Fault:
-    """One fault; targets alike, then kinds alike. `exclude`: targets that are not wanted; a push is no fault."""
+def draw(seed: int) -> Fault:
+    """One fault; targets alike, then kinds alike. None is a push."""
     rng = np.random.default_rng([seed, 2026])
-    target = str(rng.choice([t for t in KINDS if t not in exclude]))
+    target = str(rng.choice([t for t in KINDS if t != "boat"]))
     kind = str(rng.choice(list(KINDS[target])))
     number = int(rng.integers(1, NUMBERED[target] + 1)) if target in NUMBERED else 0
     from_s = round(float(rng.uniform(*BEGINS_S)), 1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+PUSH_N = (10.0, 40.0)
 KINDS: dict[str, dict[str, tuple[float, float] | None]] = {
     "thruster": {"dead": None, "weak": (0.2, 0.6), "reversed": None, "stuck": (1100.0, 1900.0), "swapped": (1, 4)},
     "thrusters": {"reversed": None, "weak": (0.3, 0.6)},
@@ -26,9 +27,14 @@ KINDS: dict[str, dict[str, tuple[float, float] | None]] = {
     "imu": {"stuck": None},
     "wire": {"silent": None, "delay": (0.1, 0.8), "lost": (0.1, 0.9)},
     "battery": {"sag": (11.0, 14.0)},
-    "boat": {"pushed": (10.0, 40.0)},
+    "boat": {"pushed": PUSH_N},
 }  # fmt: skip
 """Target -> kind -> range of sizes of random faults [share, us, m, degrees, deg/s, rad/s, m/s^2, s, V, N] or None."""
+
+FAMILIES = {
+    "thruster": "thruster", "thrusters": "thruster", "wire": "link", "battery": "power", "boat": "surroundings",
+}  # fmt: skip
+"""Target -> what its faults should be called; all others are sensors."""
 
 NUMBERED = {"thruster": 4, "anchor": 4}
 """Targets of which there are several."""
@@ -60,9 +66,7 @@ class Fault:
     @property
     def family(self) -> str:
         """What it should be called: sensor, thruster, link, power or surroundings."""
-        kin = {"thruster": "thruster", "thrusters": "thruster", "wire": "link", "battery": "power"}
-        kin["boat"] = "surroundings"
-        return kin.get(self.target, "sensor")
+        return FAMILIES.get(self.target, "sensor")
 
     def __str__(self) -> str:
         number = f" {self.number}" if self.number else ""

@@ -96,9 +96,9 @@ class FaultyWorld(World):
         self.imu = FaultyImu(self.imu, self._of("heading", "gyro", "accel", "imu"), rng)
         self.uwb_sensor = FaultyRanges(self.uwb_sensor, setup.site.anchors, self._of("uwb", "anchor"), rng)
         self._rng, self._late = rng, list[tuple[int, tuple]]()
-        self._push = rng.uniform(-math.pi, math.pi), rng.uniform(-PUSH_ARM_M, PUSH_ARM_M)
         if pushes := self._of("boat"):
-            self.plant.step = self._pushed(self.plant.step, pushes)
+            dice = np.random.default_rng([seed, 4711])  # of its own: what other faults draw does not change
+            self.plant.step = self._pushed(self.plant.step, pushes, dice)
 
     def _of(self, *targets: str) -> list[Fault]:
         return [f for f in self.faults if f.target in targets]
@@ -114,9 +114,11 @@ class FaultyWorld(World):
                 self.plant.voltage_v = fault.size
         return super().advance([round(p) for p in pulses], step_ns)
 
-    def _pushed(self, step: Callable[..., Motion], pushes: Sequence[Fault]) -> Callable[..., Motion]:
+    def _pushed(
+        self, step: Callable[..., Motion], pushes: Sequence[Fault], dice: np.random.Generator
+    ) -> Callable[..., Motion]:
         """The plant's step while something pushes the boat, in one direction of the basin, beside its origin."""
-        towards_rad, arm_m = self._push
+        towards_rad, arm_m = dice.uniform(-math.pi, math.pi), dice.uniform(-PUSH_ARM_M, PUSH_ARM_M)
 
         def pushed(moment: Moment, step_ns: int | None = None) -> Motion:
             t_s, psi = self.t_ns * 1e-9, self.plant.motion.x[2]

@@ -107,7 +107,7 @@ class ThrusterVerdicts:
         dead = [k for k in near if kinds[k].i == kinds[best].i and self._says_dead(state, k)]
         if best in dead:  # to give nothing of what is asked for, and to be stuck at nothing, is the same
             near = [k for k in near if k not in dead]
-            best = max((k for k in dead if nats[k] >= SURE_NATS), key=lambda k: kinds[k].kind == "gain")
+            best = min(k for k in dead if nats[k] >= SURE_NATS)  # gains stand before what sticks
         best, rivals = self._rivals(state, best, [k for k in near if k != best])
         if rivals:
             return self._undecided(state, [kinds[best], *rivals], view)

@@ -135,8 +135,7 @@ def gain_sentence(held_out: HeldOutScore, count: int) -> str:
     if low <= 0 <= high and error.blocks < LEAST_BLOCKS:
         return (
             f"What was held out is too short to say what removing {subject} is worth: the {SHOWN_S} s position error "
-            f"is {before:.3g} m refitted and {after:.3g} m with the causes, in {error.windows} windows of which "
-            f"{error.blocks} {'counts' if error.blocks == 1 else 'count'} as independent."
+            f"is {before:.3g} m refitted and {after:.3g} m with the causes, in {_windows(error)}."
         )
     if low <= 0 <= high or abs(error.gain) < 0.01:
         return (
@@ -163,10 +162,13 @@ def kept_sentence(held_out: HeldOutScore) -> str:
     )
     if error.refit_gain_ci95[0] > 0:
         return f"{better}: use refitted.toml."
-    return (
-        f"{better}, which may be chance in {error.windows} windows of which {error.blocks} "
-        f"{'counts' if error.blocks == 1 else 'count'} as independent: keep its file, or record more to be sure."
-    )
+    return f"{better}, which may be chance in {_windows(error)}: keep its file, or record more to be sure."
+
+
+def _windows(error: OpenLoopError) -> str:
+    """How much an error was measured on."""
+    count = "counts" if error.blocks == 1 else "count"
+    return f"{error.windows} windows of which {error.blocks} {count} as independent"
 
 
 def _outside(diagnosis: Diagnosis) -> list[str]:

@@ -50,6 +50,29 @@ def test_a_thruster_that_sticks_is_named_before_the_boat_has_left_its_place(numb
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    ("seed", "line"),
+    [
+        (90002, "gyro flipped from 30"),
+        (90001, "heading offset 60 from 0"),
+        (91078, "gyro stuck from 30.8"),
+        (10016, "uwb rotated 228.81 from 3.1 to 14"),
+    ],
+)
+def test_a_sensor_that_is_wrong_is_no_thruster(seed, line):
+    """Each was taken for thrusters that have changed places, or for a dead one."""
+    verdict = trial(seed, line, duration_s=45.0)
+    assert verdict.named[0][1] == "sensor" and not verdict.failed
+
+
+@pytest.mark.long
+def test_a_reversed_thruster_that_was_found_is_not_taken_for_anchors_that_stand_elsewhere():
+    """Ten seconds later, by a path that had been reckoned without knowing."""
+    verdict = trial(93212, "thruster 2 reversed from 7.8", duration_s=40.0)
+    assert [what for _, _, what in verdict.named] == ["front_starboard"] and verdict.mode == "auto"
+
+
+@pytest.mark.long
 def test_a_push_is_no_thruster():
     """It was taken for one that sticks at 25 N."""
     verdict = trial(84009, "boat pushed 24.6 from 25.7 to 30.7", duration_s=60.0)

@@ -27,13 +27,10 @@ from companion.core.pilot.monitors.table import monitors_of
 from companion.core.pilot.order_expiry import expiry
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.thrust_command import ThrustCommander
-from companion.core.pilot.trust.accelerometer_check import AccelerometerState
-from companion.core.pilot.trust.heading_check import HeadingState
+from companion.core.pilot.trust.contradictions import findings, is_suspect
 from companion.core.pilot.trust.model_motion import ModelMotion
-from companion.core.pilot.trust.motion_check import MotionState
-from companion.core.pilot.trust.path_check import PathState
 from companion.core.pilot.trust.thruster_verdict import ThrusterState
-from companion.core.pilot.trust.verdict import Finding, vet
+from companion.core.pilot.trust.verdict import vet
 from companion.core.sensors.table import SensorTable
 
 __all__ = ["Pilot", "PilotSettings", "PilotState"]
@@ -97,8 +94,9 @@ class Pilot:
 
     def _tick(self, state: PilotState, tick: Tick, t_ns: int) -> tuple[PilotState, Outputs]:
         belief = self._estimator.belief(state.estimator, t_ns)
-        estimate = vet(self._estimator.estimate(state.estimator, t_ns, belief), _findings(state))
-        state = replace(state, estimate=estimate, model_nu=self._motion.step(state.model_nu, belief))
+        estimate = vet(self._estimator.estimate(state.estimator, t_ns, belief), findings(state))
+        motion = self._motion.step(state.model_nu, belief, anew=state.monitor(ThrusterState).has_changed(t_ns))
+        state = replace(state, estimate=estimate, model_nu=motion)
         state, outputs = self._judge(state, tick, estimate, belief, t_ns)
         if state.open_tick is not None:  # the shell was too busy to say so: its lease still comes first
             state, left = self._driving.choose(state, t_ns, "no plan before the next tick")
@@ -112,11 +110,11 @@ class Pilot:
         """Conditions through the mode table, and what is still wanted of autopilot and sticks."""
         state, outputs = self._monitors.hear(state, estimate, t_ns)
         alive = autopilot_state.is_alive(state.monitor(AutopilotState).heartbeat_ns, t_ns)
+        thrusters = state.monitor(ThrusterState)
         view = TickView(
             t_ns, tick.lateness_ns, estimate, state.plan_ns, alive, belief, state.model_nu,
             self.settings.control.period_s, state.helm.driving, state.helm.mode == "excitation",
-            state.monitor(MotionState).is_suspect or bool(state.monitor(AccelerometerState).findings),
-            state.monitor(ThrusterState).suspected, _leg(state, estimate),
+            is_suspect(state, belief), thrusters.suspected, thrusters.has_changed(t_ns), _leg(state, estimate),
         )  # fmt: skip
         state, conditions, alerts = self._monitors.on_tick(state, view)
         helm, changes = modes.apply_conditions(state.helm, conditions, t_ns)
@@ -161,9 +159,3 @@ def _leg(state: PilotState, estimate: StateEstimate) -> LegAhead | None:
         return None
     ahead_m = math.dist((estimate.north_m, estimate.east_m), guided.route.points[guided.target])
     return LegAhead(len(guided.passed) + 1, guided.s_m, ahead_m)
-
-
-def _findings(state: PilotState) -> tuple[Finding, ...]:
-    """What was found of the sensors."""
-    monitors = AccelerometerState, HeadingState, MotionState, PathState
-    return tuple(finding for kind in monitors for finding in state.monitor(kind).findings)

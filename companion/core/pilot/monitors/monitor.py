@@ -33,7 +33,8 @@ class TickView:
     `autopilot_alive`: whether heartbeats come; `belief`: the filter at `t_ns`, None before it runs; `model_nu`: u, v,
     r of the model alone (`pilot.trust.model_motion`); `period_s`: of the ticks; `driving`: whether the thrusters may
     turn; `learning`: in an excitation, which is flown because the model is not known; `suspect`: sensors contradict
-    each other, perhaps; `thrusters_suspected`: which, in words, do not obey, perhaps; `leg`: None between missions.
+    each other, perhaps; `thrusters_suspected`: which, in words, do not obey, perhaps; `thrusters_changed`: one has just
+    been found that does not, and what was reckoned without knowing is wrong; `leg`: None between missions.
     """
 
     t_ns: int
@@ -48,6 +49,7 @@ class TickView:
     learning: bool = False
     suspect: bool = False
     thrusters_suspected: str = ""
+    thrusters_changed: bool = False
     leg: LegAhead | None = None
 
 

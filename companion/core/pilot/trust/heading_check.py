@@ -5,6 +5,7 @@
 
 s: share of full thrust, lately; the thrusters' currents turn a compass.
 
+One that repeats itself, which it never did before, hangs, whether the boat turns or not.
 Which of the two is wrong is asked of a third: the yaw rate that the commanded moment makes of the model alone.
 A heading that jumps farther than any boat turns is left out at once. Before the filter runs it may jump: an autopilot
 that has just started finds its heading, and the filter begins with what it has found.
@@ -35,6 +36,8 @@ full thrust does to a compass beside it: with this, 16 runs of a real catamaran 
 BlueBoatSystemIdentification) stay below the limit, without it one that sets off at full thrust reaches 0.22."""
 WINDOWS_S, LATELY_S = (1.0, 5.0, 10.0, 20.0), 25.0
 """An autopilot takes some seconds to follow a compass: thrust of before the window counts. Assumed."""
+SUSPECT_SHARE = 0.5
+"""Of the limit: from there on no thruster is blamed for what may be one of the two; assumed."""
 TICKS = 3
 JUMP_RAD = 0.35
 """From one message to the next beyond what the gyro says: no boat; assumed."""
@@ -46,6 +49,10 @@ MODEL_RAD_S = 0.02
 disturb. Assumed."""
 FROZEN, FROZEN_LIMIT_RAD = 10, 0.04
 """So many readings in a row that are the same to the last digit are not measured any more, if the other sensor turns.
+Assumed."""
+HANGS, LIVELY, TWICE = 25, 250, 2
+"""Nor, whether it turns or not, are so many, half a second, of a sensor that has changed with each of the last `LIVELY`
+readings, but for `TWICE` the same at most: one that says whole degrees or mrad/s repeats itself as a matter of course.
 Assumed."""
 TURNS_RAD_S2, SCATTER_RAD_S, SCATTER_S, SPIKE_RAD_S = 2.0, 0.03, 1.0, 0.3
 """No boat of this size accelerates its turn by more than the first. What yaw rates change beyond that from one to the
@@ -67,34 +74,63 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class TurnReadings:
-    """The last heading and yaw rate, how often each has been repeated, and how much the rate scatters [rad/s]."""
+class Repetition:
+    """The last reading, how often it has been repeated, and how many before it were lively."""
 
-    psi_rad: float = math.nan
-    r_rad_s: float = math.nan
-    psi_repeats: int = 0
-    r_repeats: int = 0
+    value: float = math.nan
+    repeats: int = 0
+    lively: int = 0
+
+    def take(self, value: float) -> Repetition:
+        """With one reading more."""
+        if value == self.value:
+            return replace(self, repeats=self.repeats + 1)
+        return Repetition(value, 0, self.lively + 1 if self.repeats < TWICE else 0)
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether it does not seem to be measured any more."""
+        return self.repeats >= FROZEN
+
+    @property
+    def hangs(self) -> bool:
+        """Whether it surely is not."""
+        return self.repeats >= HANGS and self.lively >= LIVELY
+
+
+@dataclass(frozen=True)
+class TurnReadings:
+    """Heading and yaw rate as they are read, and how much the rate scatters [rad/s]."""
+
+    psi_rad: Repetition = Repetition()
+    r_rad_s: Repetition = Repetition()
     scatter_rad_s: float = 0.0
 
     def take(self, psi_rad: float, r_rad_s: float, dt_s: float) -> TurnReadings:
         """With one more of each, `dt_s` after the last."""
-        change = abs(r_rad_s - self.r_rad_s)
+        change = abs(r_rad_s - self.r_rad_s.value)
         beyond = min(max(0.0, change - TURNS_RAD_S2 * dt_s), SPIKE_RAD_S) if math.isfinite(change) else 0.0
         scatter = self.scatter_rad_s + min(1.0, dt_s / SCATTER_S) * (beyond - self.scatter_rad_s)
-        psi_repeats = self.psi_repeats + 1 if psi_rad == self.psi_rad else 0
-        return TurnReadings(psi_rad, r_rad_s, psi_repeats, self.r_repeats + 1 if change == 0.0 else 0, scatter)
+        return TurnReadings(self.psi_rad.take(psi_rad), self.r_rad_s.take(r_rad_s), scatter)
 
     @property
     def frozen(self) -> str:
         """Which of the two, alone, repeats itself; empty: none."""
-        psi, r = self.psi_repeats >= FROZEN, self.r_repeats >= FROZEN
-        return "" if psi == r else ("heading" if psi else "gyro")
+        if self.psi_rad.is_frozen == self.r_rad_s.is_frozen:
+            return ""
+        return "heading" if self.psi_rad.is_frozen else "gyro"
+
+    @property
+    def hangs(self) -> bool:
+        """Whether the one that is frozen hangs."""
+        return bool(self.frozen) and (self.psi_rad.hangs or self.r_rad_s.hangs)
 
 
 @dataclass(frozen=True)
 class HeadingState:
     """`now`: the sums; `past`: at the last ticks, none before the filter runs; `contradicted`: ticks in a row;
-    `jumped`: heading is left out; `older`: attitudes in a row that were not newer than the one before.
+    `jumped`: heading is left out; `older`: attitudes in a row that were not newer than the one before; `is_suspect`:
+    they disagree over the shortest window, perhaps not enough to say so.
     """
 
     now: Turn | None = None
@@ -103,6 +139,7 @@ class HeadingState:
     contradicted: int = 0
     jumped: bool = False
     older: int = 0
+    is_suspect: bool = False
     findings: tuple[Finding, ...] = ()
 
 
@@ -162,11 +199,16 @@ class HeadingMonitor(Monitor[HeadingState]):
         if state.jumped or state.findings:
             return state, self._report(state)
         limit_rad = FROZEN_LIMIT_RAD if state.readings.frozen else LIMIT_RAD
-        worst = max((_contradiction(now, past, w, limit_rad) for w in WINDOWS_S), key=lambda c: c[0])
+        beyond = [_contradiction(now, past, window_s, limit_rad) for window_s in WINDOWS_S]
+        worst = max(beyond, key=lambda c: c[0])
         is_beyond = worst[0] > 0 and (bool(state.readings.frozen) or worst[0] > _by_thrust_rad(past))
-        state = replace(state, contradicted=state.contradicted + 1 if is_beyond else 0)
+        is_suspect = beyond[0][0] > -SUSPECT_SHARE * limit_rad
+        state = replace(state, contradicted=state.contradicted + 1 if is_beyond else 0, is_suspect=is_suspect)
         if state.readings.scatter_rad_s > SCATTER_RAD_S:
             what, text = "gyro", "the yaw rate jumps to and fro as no boat turns: the gyro is wrong"
+        elif state.readings.hangs and view.driving:
+            what = state.readings.frozen
+            text = f"the {what} says the same to the last digit again and again, as it never did before: it hangs"
         elif state.contradicted >= TICKS:
             what, text = _name(now, worst[1], _last(now, past, WINDOWS_S[0]), state.readings.frozen)
         else:

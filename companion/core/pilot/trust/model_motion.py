@@ -28,10 +28,17 @@ class ModelMotion:
         after = rk4(lambda v: model.nu_dot(eta, v, model.thrust(eta, v, f)), nu, period_s)
         self._step = BufferedStep(ca.Function("motion", [eta, nu, f], [ca.densify(after)]))
 
-    def step(self, nu: tuple[float, float, float], belief: FilterState | None) -> tuple[float, float, float]:
-        """[u v r] a period later, under the forces that the filter knows; at rest before it runs."""
+    def step(
+        self, nu: tuple[float, float, float], belief: FilterState | None, anew: bool = False
+    ) -> tuple[float, float, float]:
+        """[u v r] a period later, under the forces that the filter knows; at rest before it runs; `anew`: from what the
+        filter has, for the forces known until now were wrong.
+        """
         if belief is None:
             return AT_REST
+        if anew:
+            u, v, r = belief.x[NU].tolist()
+            return u, v, r
         eta, filtered, f_n = belief.x[ETA], belief.x[NU], belief.f_n
         u, v, _ = self._step(eta, np.array([nu[0], nu[1], filtered[2]]), f_n).tolist()
         r = float(self._step(eta, np.array([filtered[0], filtered[1], nu[2]]), f_n)[2])

@@ -1,4 +1,4 @@
-"""Position against motion: three tests of what the filter is told against how the boat is driven.
+"""Position against motion: four tests of what the filter is told against how the boat is driven.
 
     slip      mean over 2 s of R(psi) (nu_filter - nu_model): what moves the boat besides its thrusters. A current of
               0.15 m/s, wind, and a model that is off by a fifth make 0.4 m/s; anchors that stand elsewhere than in the
@@ -6,6 +6,8 @@
     force     the lasting latent force beyond what water, wind and thrusters that are off can do
     ranges    cumulative sum of what the second best range of each cycle says (d^2 = nu^2 / S): two bad anchors of four,
               one of three, count for nothing; of a position the mean of both coordinates
+    anchors   fewer than three whose ranges are not off by metres, of a boat that ranges have moved against its motion:
+              those that are off may be the ones that are right
 
 Each ends in `untrusted`: position and motion contradict each other, and nobody can tell which of them is right. Not in
 an excitation, which is flown because the model is not known.
@@ -22,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.estimation.filter_state import B_RANGE, FilterState
 from companion.core.geometry.frames import rotate
 from companion.core.messages import Alert, Innovation, OperatorCommand
 from companion.core.model.actuators.propulsion import ActuatorSet
@@ -45,6 +48,8 @@ far off suffice, before their gates re-open. Assumed. Faster ones count for less
 UNSETTLED = 2.0
 """So much more must speak against the ranges of a filter that has not settled; its speed is not known well then, so
 that slip says nothing yet. Of 300 starts in gusts and waves, 2 ended in `untrusted` otherwise."""
+LEAST_ANCHORS, OFF_M = 3, 1.5
+"""Fewer agree on a wrong place as well as on the right one; a wall makes ranges longer by less, as a rule. Assumed."""
 SUSPECT = 8.0
 """Sum from which ranges and filter disagree too much to blame a thruster."""
 
@@ -146,7 +151,8 @@ class MotionMonitor(Monitor[MotionState]):
         state = replace(state, slip_m_s=(north, east), beyond=beyond, forced=forced)
         if state.findings:
             return state, _report(state)
-        if not (text := _sentence(state, lasting, self._words, LIMIT if is_known else UNSETTLED * LIMIT)):
+        text = _sentence(state, lasting, self._words, LIMIT if is_known else UNSETTLED * LIMIT) or _anchors_off(belief)
+        if not text:
             return state, NOTHING
         if view.thrusters_suspected:
             text += f"; suspected before: {view.thrusters_suspected}"
@@ -171,6 +177,19 @@ def _sentence(state: MotionState, lasting: tuple[float, float, float], words: Po
     if state.sum >= limit:
         return f"{words.readings} contradict the motion of the boat: they, heading or accelerometer are wrong"
     return ""
+
+
+def _anchors_off(belief: FilterState) -> str:
+    """What is wrong with the anchors; empty: enough of them agree."""
+    biases = belief.x[B_RANGE : B_RANGE + len(belief.anchor_gates)]
+    off = biases[np.abs(biases) > OFF_M]
+    if belief.displaced_ns is None or not len(off) or len(biases) - len(off) >= LEAST_ANCHORS:
+        return ""
+    sizes = " and ".join(f"{b:+.1f}" for b in off)
+    return (
+        f"ranges of {len(off)} of {len(biases)} anchors are off by {sizes} m, and nobody can tell which are right:"
+        " anchors elsewhere than in the site file, or ranges of another scale"
+    )
 
 
 def _report(state: MotionState) -> MonitorReport:

@@ -85,7 +85,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         before, now = state.before, view.belief
         after = replace(state, force=(0.0, 0.0, 0.0), count=0, rate_before=state.rate, before=now, pending=None)
         report = report_of(state)
-        if self._steered or not view.driving or view.learning or view.t_ns < state.quiet_until_ns:
+        if self._steered or not view.driving or view.learning or state.has_changed(view.t_ns):
             return replace(after, bank=self._bank.initial(), probing=False), report
         if before is None or now is None or view.t_ns - now.since_ns < SETTLES_NS or state.accel_off or not state.count:
             return after, report

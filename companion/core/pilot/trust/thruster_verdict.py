@@ -77,6 +77,10 @@ class ThrusterState:
     accel_off: bool = False
     pending: TickMotion | None = None
 
+    def has_changed(self, t_ns: int) -> bool:
+        """Whether one has just been found: commands of before are still under way."""
+        return t_ns < self.quiet_until_ns
+
 
 class ThrusterVerdicts:
     """The judge of a bank's filters: believes, asks, or waits."""

@@ -25,9 +25,10 @@ def heartbeat(t_ns, armed=True, mode=0):
 def attitude(shell, t_ns=None):
     """Of a boat that neither turns nor leans, by its estimate; its last digits live."""
     t_ns = shell.t_ns if t_ns is None else t_ns
-    psi_rad = shell.state.estimate.psi_rad + 1e-4 * (t_ns // (20 * MS) % 10)
+    last_digits = 1e-4 * (t_ns // (20 * MS) % 10)
+    psi_rad = shell.state.estimate.psi_rad + last_digits
     return m.Attitude(t_ns=t_ns, t_rx_ns=t_ns, phi_rad=0.0, theta_rad=0.0, psi_rad=psi_rad, p_rad_s=0.0, q_rad_s=0.0,
-                      r_rad_s=0.0)  # fmt: skip
+                      r_rad_s=last_digits)  # fmt: skip
 
 
 def plan(index, t_ns=0, status="ok", f_n=None):

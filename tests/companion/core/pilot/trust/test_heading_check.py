@@ -24,9 +24,10 @@ def course(t_s):
     return TURN_RAD_S * 2.0 * math.sin(t_s / 2.0), TURN_RAD_S * math.cos(t_s / 2.0)
 
 
-def watched(spoil, seed=1, end_s=END_S, share=lambda t_s: 0.1, runs_s=0.0, again=lambda message: ()):
-    """The monitor's state after 12 s at 50 Hz; `spoil`: what psi and r become from `FAULT_S` on; `share`: of thrust;
-    `runs_s`: since when the filter runs; `again`: what comes after each attitude.
+def watched(spoil, seed=1, end_s=END_S, share=lambda t_s: 0.1, runs_s=0.0, again=lambda message: (), course=course,
+            start_s=FAULT_S, **shown):  # fmt: skip
+    """The monitor's state after 12 s at 50 Hz; `spoil`: what psi and r become from `start_s` on; `share`: of thrust;
+    `runs_s`: since when the filter runs; `again`: what comes after each attitude; `shown`: of the view.
     """
     vessel = boat("aritra")
     monitor, rng = HeadingMonitor(vessel, 0.0), np.random.default_rng(seed)
@@ -34,7 +35,7 @@ def watched(spoil, seed=1, end_s=END_S, share=lambda t_s: 0.1, runs_s=0.0, again
     for k in range(round(end_s * 50)):
         t_ns, (psi, r) = k * S // 50, course(k / 50)
         psi, r = psi + rng.normal(0, 0.002), r + rng.normal(0, 0.002)
-        if k / 50 >= FAULT_S:
+        if k / 50 >= start_s:
             psi, r = spoil(psi, r, rng)
         message = Attitude(
             t_ns=t_ns, t_rx_ns=t_ns, phi_rad=0.0, theta_rad=0.0, psi_rad=psi, p_rad_s=0.0, q_rad_s=0.0, r_rad_s=r
@@ -45,7 +46,8 @@ def watched(spoil, seed=1, end_s=END_S, share=lambda t_s: 0.1, runs_s=0.0, again
         if k % 5 == 0:
             f_n = np.array([share(k / 50) * t.force_max_N for t in vessel.thrusters])
             belief = SimpleNamespace(f_n=f_n) if k / 50 >= runs_s else None
-            seen = replace(view(t_ns), belief=belief, model_nu=(0.0, 0.0, course(k / 50)[1]))
+            seen = {"belief": belief, "model_nu": (0.0, 0.0, course(k / 50)[1]), "driving": True, **shown}
+            seen = replace(view(t_ns), **seen)
             state, _ = monitor.on_tick(state, seen)
     return state
 
@@ -76,6 +78,31 @@ def test_what_is_no_fault_is_none(name):
         "the noise of a poor gyro": lambda psi, r, rng: (psi, r + rng.normal(0, 0.02)),
     }
     assert watched(spoils[name]).findings == ()
+
+
+straight = partial(watched, course=lambda t_s: (0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "what"), [(lambda psi, r, rng: (psi, 0.001), "gyro"), (lambda psi, r, rng: (0.001, r), "heading")]
+)
+def test_one_that_hangs_is_found_though_the_boat_goes_straight(spoil, what):
+    (finding,) = straight(spoil).findings
+    assert finding.what == what and finding.t_ns <= (FAULT_S + 0.7) * S
+
+
+def test_what_is_said_again_for_another_reason_does_not_hang():
+    """At rest nothing shakes it; whole messages come again; a gyro says whole mrad/s."""
+    hung, rounded = (lambda psi, r, rng: (psi, 0.001)), iter(range(10**6))
+    assert straight(hung, driving=False).findings == ()
+    assert straight(lambda psi, r, rng: (0.001, 0.001)).findings == ()
+    assert straight(lambda psi, r, rng: (psi, next(rounded) // 50 % 2 * 1e-3), start_s=0.0).findings == ()
+
+
+def test_one_of_them_that_may_be_wrong_keeps_thrusters_from_being_blamed():
+    """A gyro that is wrong by a tenth of a turn: not enough to say so."""
+    assert watched(lambda psi, r, rng: (psi, r + 0.09)).is_suspect
+    assert not watched(lambda psi, r, rng: (psi, r)).is_suspect
 
 
 def test_a_compass_that_drifts_is_found_though_slowly():

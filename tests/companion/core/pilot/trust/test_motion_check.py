@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import msgspec
+import numpy as np
 import pytest
 
 from companion.core.estimation.latent_activity import LatentMeans
@@ -30,7 +31,10 @@ def test_what_was_suspected_stands_in_the_reason_of_the_stop(suspected):
 
 
 S = 1_000_000_000
-AT_REST = SimpleNamespace(since_ns=-10 * S, x=[0.0] * 6, latent_means=LatentMeans(), settled=True)
+AT_REST = SimpleNamespace(
+    since_ns=-10 * S, x=np.zeros(24), latent_means=LatentMeans(), settled=True, anchor_gates=[None] * 4,
+    displaced_ns=None,
+)  # fmt: skip
 
 
 def contradicted_after_s(rate_Hz, d2, cycles=200, one_by_one=False):
@@ -73,3 +77,22 @@ def test_two_ranges_that_are_both_far_off_contradict_as_the_third_of_their_cycle
 @pytest.mark.parametrize(("d2", "found"), [((500.0, 900.0, 40.0, 300.0), True), ((1.0, 0.5, 900.0, 1.5), False)])
 def test_ranges_that_come_one_by_one_are_judged_in_threes(d2, found):
     assert (contradicted_after_s(10.0, d2, one_by_one=True) is not None) is found
+
+
+@pytest.mark.parametrize(
+    ("biases_m", "displaced_ns", "found"),
+    [
+        ((0.0, 0.0, 3.9, 5.0), 2 * S, True),  # ranges of another scale: two anchors carry the boat off
+        ((0.0, 0.0, 3.9, 5.0), None, False),  # two that were moved, while the others went on agreeing with the motion
+        ((0.0, 0.1, 0.0, 2.5), 2 * S, False),
+        ((0.0, 0.0, 0.9, 1.1), 2 * S, False),
+    ],
+)
+def test_two_anchors_of_four_that_moved_the_boat_against_its_motion_do_not_vouch_for_a_place(
+    biases_m, displaced_ns, found
+):
+    monitor = MotionMonitor(vessel_of("aritra"))
+    belief = SimpleNamespace(**{**vars(AT_REST), "x": np.r_[np.zeros(20), biases_m], "displaced_ns": displaced_ns})
+    _, report = monitor.on_tick(MotionState(), replace(view(3 * S), belief=belief))
+    assert ("untrusted" in report.events) is found
+    assert not found or "2 of 4 anchors are off by +3.9 and +5.0 m" in report.events["untrusted"]

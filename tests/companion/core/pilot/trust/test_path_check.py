@@ -120,6 +120,17 @@ def test_it_is_not_judged_by_a_model_that_nobody_believes(shown):
     assert not found(1.5, **shown).findings
 
 
+def test_what_may_be_a_turn_keeps_thrusters_from_being_blamed():
+    state = found(place=turned(60), end_s=3.6)
+    assert state.is_suspect and not state.findings
+    assert found(place=turned(60), end_s=5.6).findings
+    assert not found().is_suspect and not found(scale=0.75).is_suspect
+
+
+def test_a_path_that_was_reckoned_with_thrusters_that_did_not_obey_is_forgotten():
+    assert not found(place=turned(90), thrusters_changed=True).path
+
+
 def test_a_new_start_forgets_it_and_a_stop_does_not():
     state, monitor = found(1.5), PathMonitor(boat("aritra").sensors, setup(None).pilot.site)
     for command, kept in (("stop", True), ("start", False)):

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.core.messages import Alert, GroundTruth, GuidanceReference, ModeStatus, OverrideLease, StateEstimate
-from companion.core.pilot.trust.accelerometer_check import AccelerometerState
-from companion.core.pilot.trust.heading_check import HeadingState
-from companion.core.pilot.trust.motion_check import MotionState
-from companion.core.pilot.trust.path_check import PathState
-from companion.core.pilot.trust.thruster_verdict import ThrusterState
+from companion.core.pilot.trust.sensors.accelerometer_check import AccelerometerState
+from companion.core.pilot.trust.sensors.heading_check import HeadingState
+from companion.core.pilot.trust.sensors.motion_check import MotionState
+from companion.core.pilot.trust.sensors.path_check import PathState
+from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterState
 from sim.world.environment import Weather
 from sim.world.score import track_of, tracking
 from sim.world.stepped import SteppedRun

@@ -39,7 +39,7 @@ class ImuSample(Measured, frozen=True, kw_only=True):
 class Attitude(Measured, frozen=True, kw_only=True):
     """The autopilot's attitude estimate: roll, pitch, heading from north [rad], rates [rad/s].
 
-    A heading that is NaN was left out (`pilot.trust.heading_check`); the rest of the message counts.
+    A heading that is NaN was left out (`pilot.trust.sensors.heading_check`); the rest of the message counts.
     """
 
     phi_rad: float

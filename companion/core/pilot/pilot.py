@@ -29,7 +29,7 @@ from companion.core.pilot.state import Outputs, PilotSettings, PilotState
 from companion.core.pilot.thrust_command import ThrustCommander
 from companion.core.pilot.trust.contradictions import findings, is_suspect
 from companion.core.pilot.trust.model_motion import ModelMotion
-from companion.core.pilot.trust.thruster_verdict import ThrusterState
+from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterState
 from companion.core.pilot.trust.verdict import vet
 from companion.core.sensors.table import SensorTable
 

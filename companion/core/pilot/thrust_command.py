@@ -39,8 +39,8 @@ from companion.core.pilot.monitors.battery import BatteryState
 from companion.core.pilot.monitors.table import MonitorTable
 from companion.core.pilot.plan_check import PlanCheck
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
-from companion.core.pilot.trust.remaining_thrust import RemainingThrust
-from companion.core.pilot.trust.thruster_verdict import ThrusterState
+from companion.core.pilot.trust.thrusters.remaining_thrust import RemainingThrust
+from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterState
 
 SPREAD_SIGMAS = 2.0
 """An excitation stays so many sigmas of its position farther from the fence; assumed."""

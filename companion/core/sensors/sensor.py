@@ -84,7 +84,7 @@ class PositionHealth(NamedTuple):
 
 class PositionWords(NamedTuple):
     """How alerts speak of a sensor of positions that contradicts the motion: what may be wrong with it, its parts, and
-    what it says. `counts_Hz`: so often a second contradictions count in full (`pilot.trust.motion_check`).
+    what it says. `counts_Hz`: so often a second contradictions count in full (`pilot.trust.sensors.motion_check`).
     """
 
     astray: str

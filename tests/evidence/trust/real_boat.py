@@ -11,8 +11,8 @@ import numpy as np
 from companion.core.constants import GRAVITY_M_S2
 from companion.core.messages import Attitude, ImuSample
 from companion.core.model.thrusters import force_from_pwm
-from companion.core.pilot.trust.accelerometer_check import AccelerometerMonitor
-from companion.core.pilot.trust.heading_check import HeadingMonitor
+from companion.core.pilot.trust.sensors.accelerometer_check import AccelerometerMonitor
+from companion.core.pilot.trust.sensors.heading_check import HeadingMonitor
 from companion.logs.runs.run import Run
 from tests.companion.core.pilot.monitors.monitor_fixture import view
 from tests.evidence.line import Line, exactly, information

@@ -6,10 +6,11 @@ battery_low, battery_critical   `battery`                            solver_fail
 override_ignored, rc_takeover   `override_monitor`                   loop_lag        `loop_lag`
 outputs_cut, outputs_still      `output_monitor`
 sticks                          `manual_control.StickMonitor`
-untrusted                       `trust.heading_check`, `trust.motion_check`   crippled   `trust.thruster_monitor`
+untrusted                       `trust.sensors`: `heading_check`, `motion_check`, `path_check`
+crippled                        `trust.thrusters.thruster_monitor`
 what the autopilot has against arming is kept by `arming_refusals`, readings that repeat themselves are left out by
-`stuck_sensor` and `trust.repeated_ranges`, those that had queued up by `stall`, those that come late are said by
-`trust.path_check`, a battery that is not told by `battery.BatteryWatch`: no conditions
+`stuck_sensor` and `trust.sensors.repeated_ranges`, those that had queued up by `stall`, a battery that is not told by
+`battery.BatteryWatch`: no conditions
 """
 
 from __future__ import annotations
@@ -37,13 +38,13 @@ from companion.core.pilot.monitors.plan_gap import PlanGapMonitor
 from companion.core.pilot.monitors.stall import StallMonitor
 from companion.core.pilot.monitors.stuck_sensor import StuckSensorMonitor
 from companion.core.pilot.state import Outputs, PilotSettings, PilotState
-from companion.core.pilot.trust.accelerometer_check import AccelerometerMonitor
-from companion.core.pilot.trust.heading_check import HeadingMonitor
-from companion.core.pilot.trust.motion_check import MotionMonitor
-from companion.core.pilot.trust.path_check import PathMonitor
 from companion.core.pilot.trust.progress_check import ProgressMonitor
-from companion.core.pilot.trust.repeated_ranges import RepeatedRangesMonitor
-from companion.core.pilot.trust.thruster_monitor import ThrusterMonitor
+from companion.core.pilot.trust.sensors.accelerometer_check import AccelerometerMonitor
+from companion.core.pilot.trust.sensors.heading_check import HeadingMonitor
+from companion.core.pilot.trust.sensors.motion_check import MotionMonitor
+from companion.core.pilot.trust.sensors.path_check import PathMonitor
+from companion.core.pilot.trust.sensors.repeated_ranges import RepeatedRangesMonitor
+from companion.core.pilot.trust.thrusters.thruster_monitor import ThrusterMonitor
 
 
 def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tuple[str, ...]) -> MonitorTable:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from companion.core.estimation.filter_state import FilterState
 from companion.core.pilot.state import PilotState
-from companion.core.pilot.trust.accelerometer_check import AccelerometerState
-from companion.core.pilot.trust.heading_check import HeadingState
-from companion.core.pilot.trust.motion_check import MotionState
-from companion.core.pilot.trust.path_check import PathState
+from companion.core.pilot.trust.sensors.accelerometer_check import AccelerometerState
+from companion.core.pilot.trust.sensors.heading_check import HeadingState
+from companion.core.pilot.trust.sensors.motion_check import MotionState
+from companion.core.pilot.trust.sensors.path_check import PathState
 from companion.core.pilot.trust.verdict import Finding
 
 DISPLACED_NS = 10_000_000_000

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from companion.core.pilot.state import PilotState
-from companion.core.pilot.trust.motion_check import MotionState
-from companion.core.pilot.trust.thruster_verdict import ThrusterState
+from companion.core.pilot.trust.sensors.motion_check import MotionState
+from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterState
 from companion.core.pilot.trust.verdict import Finding
 
 

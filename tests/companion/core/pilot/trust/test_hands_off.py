@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from companion.core.model.thrusters import configuration_matrix
-from companion.core.pilot.trust.remaining_thrust import ThrusterHealth
-from companion.core.pilot.trust.thruster_verdict import ThrusterState
+from companion.core.pilot.trust.thrusters.remaining_thrust import ThrusterHealth
+from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterState
 from tests.companion.core.pilot.pilot_shell import VESSEL
 from tests.companion.core.pilot.test_pilot_modes import Boat
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.core.model.thrusters import configuration_matrix, force_from_pwm
-from companion.core.pilot.trust.remaining_thrust import RemainingThrust, ThrusterHealth
+from companion.core.pilot.trust.thrusters.remaining_thrust import RemainingThrust, ThrusterHealth
 from tests.support.drive_fixture import setup
 
 VESSEL = setup().pilot.vessel

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.core.messages import ImuSample, OperatorCommand
-from companion.core.pilot.trust.accelerometer_check import AccelerometerMonitor
+from companion.core.pilot.trust.sensors.accelerometer_check import AccelerometerMonitor
 from tests.support.vessel_fixtures import boat
 
 S = 1_000_000_000

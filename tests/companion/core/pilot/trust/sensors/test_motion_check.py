@@ -9,8 +9,8 @@ import pytest
 
 from companion.core.estimation.latent_activity import LatentMeans
 from companion.core.messages import Innovation
-from companion.core.pilot.trust.motion_check import FORCE_TICKS, SLIP_TICKS, MotionMonitor, MotionState
-from companion.core.pilot.trust.thruster_verdict import ThrusterState
+from companion.core.pilot.trust.sensors.motion_check import FORCE_TICKS, SLIP_TICKS, MotionMonitor, MotionState
+from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterState
 from tests.companion.core.pilot.monitors.monitor_fixture import view
 from tests.companion.core.pilot.test_pilot_modes import Boat
 from tests.support.vessel_fixtures import boat as vessel_of

@@ -13,8 +13,8 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.filter_state import FilterState
 from companion.core.messages import Alert
 from companion.core.pilot.monitors.monitor import NOTHING, MonitorReport, TickView
-from companion.core.pilot.trust.hypothesis_bank import BankState, ThrusterBank, ThrustHypothesis
-from companion.core.pilot.trust.remaining_thrust import ThrusterHealth
+from companion.core.pilot.trust.thrusters.hypothesis_bank import BankState, ThrusterBank, ThrustHypothesis
+from companion.core.pilot.trust.thrusters.remaining_thrust import ThrusterHealth
 from companion.core.pilot.trust.verdict import Finding
 
 SURE_NATS, AHEAD_NATS = 15.0, 5.0

@@ -12,10 +12,10 @@ from companion.core.model.actuators.propulsion import is_steered
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
-from companion.core.pilot.trust.force_balance import ForceBalance
-from companion.core.pilot.trust.hypothesis_bank import ThrusterBank
-from companion.core.pilot.trust.remaining_thrust import ThrusterHealth
-from companion.core.pilot.trust.thruster_verdict import ThrusterState, ThrusterVerdicts, TickMotion, report_of
+from companion.core.pilot.trust.thrusters.force_balance import ForceBalance
+from companion.core.pilot.trust.thrusters.hypothesis_bank import ThrusterBank
+from companion.core.pilot.trust.thrusters.remaining_thrust import ThrusterHealth
+from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterState, ThrusterVerdicts, TickMotion, report_of
 from companion.core.sensors.inertial import AttitudeSensor, InertialSensor
 from companion.core.sensors.sensor import Sensor
 

@@ -27,6 +27,7 @@ from companion.core.estimation.tilt import yaw_rate
 from companion.core.geometry.frames import ssa
 from companion.core.messages import Alert, Attitude, OperatorCommand
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
+from companion.core.pilot.trust.sensors.turn_readings import SCATTER_RAD_S, UNREAD, TurnReadings
 from companion.core.pilot.trust.verdict import Finding, is_forgotten
 from companion.core.sensors.inertial import AttitudeSensor
 
@@ -47,17 +48,8 @@ are not: a clock that went back, or a queue that empties at once. Assumed."""
 MODEL_RAD_S = 0.02
 """The model's own yaw rate decides between the two if they differ by more; else it is the compass, which more things
 disturb. Assumed."""
-FROZEN, FROZEN_LIMIT_RAD = 10, 0.04
-"""So many readings in a row that are the same to the last digit are not measured any more, if the other sensor turns.
-Assumed."""
-HANGS, LIVELY, TWICE = 25, 250, 2
-"""Nor, whether it turns or not, are so many, half a second, of a sensor that has changed with each of the last `LIVELY`
-readings, but for `TWICE` the same at most: one that says whole degrees or mrad/s repeats itself as a matter of course.
-Assumed."""
-TURNS_RAD_S2, SCATTER_RAD_S, SCATTER_S, SPIKE_RAD_S = 2.0, 0.03, 1.0, 0.3
-"""No boat of this size accelerates its turn by more than the first. What yaw rates change beyond that from one to the
-next, averaged over `SCATTER_S`, is noise: of a good gyro nothing is left, 0.03 are left of 0.06 rad/s. A single spike
-counts for `SPIKE_RAD_S` at most. Assumed."""
+FROZEN_LIMIT_RAD = 0.04
+"""Where one of them repeats itself: if the other turns, it is not measured any more. Assumed."""
 
 
 @dataclass(frozen=True)
@@ -74,59 +66,6 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Repetition:
-    """The last reading, how often it has been repeated, and how many before it were lively."""
-
-    value: float = math.nan
-    repeats: int = 0
-    lively: int = 0
-
-    def take(self, value: float) -> Repetition:
-        """With one reading more."""
-        if value == self.value:
-            return replace(self, repeats=self.repeats + 1)
-        return Repetition(value, 0, self.lively + 1 if self.repeats < TWICE else 0)
-
-    @property
-    def is_frozen(self) -> bool:
-        """Whether it does not seem to be measured any more."""
-        return self.repeats >= FROZEN
-
-    @property
-    def hangs(self) -> bool:
-        """Whether it surely is not."""
-        return self.repeats >= HANGS and self.lively >= LIVELY
-
-
-@dataclass(frozen=True)
-class TurnReadings:
-    """Heading and yaw rate as they are read, and how much the rate scatters [rad/s]."""
-
-    psi_rad: Repetition = Repetition()
-    r_rad_s: Repetition = Repetition()
-    scatter_rad_s: float = 0.0
-
-    def take(self, psi_rad: float, r_rad_s: float, dt_s: float) -> TurnReadings:
-        """With one more of each, `dt_s` after the last."""
-        change = abs(r_rad_s - self.r_rad_s.value)
-        beyond = min(max(0.0, change - TURNS_RAD_S2 * dt_s), SPIKE_RAD_S) if math.isfinite(change) else 0.0
-        scatter = self.scatter_rad_s + min(1.0, dt_s / SCATTER_S) * (beyond - self.scatter_rad_s)
-        return TurnReadings(self.psi_rad.take(psi_rad), self.r_rad_s.take(r_rad_s), scatter)
-
-    @property
-    def frozen(self) -> str:
-        """Which of the two, alone, repeats itself; empty: none."""
-        if self.psi_rad.is_frozen == self.r_rad_s.is_frozen:
-            return ""
-        return "heading" if self.psi_rad.is_frozen else "gyro"
-
-    @property
-    def hangs(self) -> bool:
-        """Whether the one that is frozen hangs."""
-        return bool(self.frozen) and (self.psi_rad.hangs or self.r_rad_s.hangs)
-
-
-@dataclass(frozen=True)
 class HeadingState:
     """`now`: the sums; `past`: at the last ticks, none before the filter runs; `contradicted`: ticks in a row;
     `jumped`: heading is left out; `older`: attitudes in a row that were not newer than the one before; `is_suspect`:
@@ -134,7 +73,7 @@ class HeadingState:
     """
 
     now: Turn | None = None
-    readings: TurnReadings = TurnReadings()
+    readings: TurnReadings = UNREAD
     past: tuple[Turn, ...] = ()
     contradicted: int = 0
     jumped: bool = False

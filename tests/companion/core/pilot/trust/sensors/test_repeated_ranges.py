@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.core.messages import AnchorRange, UwbPosition, UwbRanges
-from companion.core.pilot.trust.repeated_ranges import RepeatedRangesMonitor
+from companion.core.pilot.trust.sensors.repeated_ranges import RepeatedRangesMonitor
 
 S = 1_000_000_000
 

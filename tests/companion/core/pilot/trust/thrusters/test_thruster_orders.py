@@ -9,10 +9,10 @@ from companion.core.messages import OperatorCommand
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.monitors.monitor import TickView
-from companion.core.pilot.trust.hypothesis_bank import NOISE, ThrusterBank, ThrustHypothesis
-from companion.core.pilot.trust.remaining_thrust import RemainingThrust, ThrusterHealth
-from companion.core.pilot.trust.thruster_monitor import ThrusterMonitor
-from companion.core.pilot.trust.thruster_verdict import ThrusterVerdicts
+from companion.core.pilot.trust.thrusters.hypothesis_bank import NOISE, ThrusterBank, ThrustHypothesis
+from companion.core.pilot.trust.thrusters.remaining_thrust import RemainingThrust, ThrusterHealth
+from companion.core.pilot.trust.thrusters.thruster_monitor import ThrusterMonitor
+from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterVerdicts
 from tests.support.drive_fixture import setup
 from tests.support.vessel_fixtures import boat
 

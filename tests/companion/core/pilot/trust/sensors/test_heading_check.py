@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from companion.core.messages import Attitude
-from companion.core.pilot.trust.heading_check import HeadingMonitor, HeadingState
+from companion.core.pilot.trust.sensors.heading_check import HeadingMonitor, HeadingState
 from tests.companion.core.pilot.monitors.monitor_fixture import view
 from tests.support.vessel_fixtures import boat
 

@@ -5,8 +5,8 @@ import pytest
 
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
-from companion.core.pilot.trust.hypothesis_bank import AXES, NOISE, ThrusterBank, ThrustHypothesis, hypotheses
-from companion.core.pilot.trust.thruster_verdict import AHEAD_NATS, SURE_NATS
+from companion.core.pilot.trust.thrusters.hypothesis_bank import AXES, NOISE, ThrusterBank, ThrustHypothesis, hypotheses
+from companion.core.pilot.trust.thrusters.thruster_verdict import AHEAD_NATS, SURE_NATS
 from tests.support.drive_fixture import setup
 
 VESSEL = setup().pilot.vessel

@@ -12,7 +12,7 @@ import pytest
 from companion.core.configuration.site_file import Anchor
 from companion.core.constants import GRAVITY_M_S2
 from companion.core.messages import AnchorRange, ImuSample, OperatorCommand, UwbRanges
-from companion.core.pilot.trust.path_check import PathMonitor, PathState
+from companion.core.pilot.trust.sensors.path_check import PathMonitor, PathState
 from tests.companion.core.pilot.monitors.monitor_fixture import view
 from tests.support.drive_fixture import setup
 from tests.support.vessel_fixtures import boat

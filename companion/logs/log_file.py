@@ -67,8 +67,12 @@ class LogFile:
 
     @property
     def wall_offset_ns(self) -> int:
-        """Wall clock minus the companion's monotonic clock; 0 where the log does not say."""
-        return int(self.metadata.get("wall_offset_ns", "0"))
+        """Wall clock minus the companion's monotonic clock; 0 where the log does not say. LogError: no whole number."""
+        said = self.metadata.get("wall_offset_ns", "0")
+        try:
+            return int(said)
+        except ValueError:
+            raise LogError(f"{self.path}: metadata: wall_offset_ns: {said!r} is no whole number") from None
 
     def entries(self) -> Iterator[LogEntry]:
         """All messages of all parts in the order written. Restarts `damage` and the counters."""

@@ -30,7 +30,7 @@ SHARE = 0.25
 LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
 """Assumed: a few of the hull's time constants to fit on; two open-loop runs of 10 s to be judged by."""
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
-DEAD_SENSOR = "dead sensor"
+DEAD_SENSOR, HELD_POSITIONS = "dead sensor", "held positions"
 """Kind of the problem that columns are left out because they hold one value throughout."""
 NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
 
@@ -161,7 +161,7 @@ def _without_held_positions(run: Run) -> Run:
         f"north_m, east_m: {100 * again.mean():.0f} % of the rows repeat the position before, as if it was held until "
         "the next: each is used where it was new"
     )
-    return Run(run.table.with_columns(blank), run.meta).with_notes([LogProblem(kind="held positions", text=text)])
+    return Run(run.table.with_columns(blank), run.meta).with_notes([LogProblem(kind=HELD_POSITIONS, text=text)])
 
 
 def split_at_pauses(run: Run) -> list[Run]:

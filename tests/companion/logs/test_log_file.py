@@ -196,3 +196,6 @@ def test_kinds_are_selected_and_the_order_is_the_order_written(drive_log):
     assert log.metadata["vessel"] == "synthetic"
     assert log.attachments["vessel.toml"] == b'name = "synthetic"\n'
     assert log.wall_offset_ns > 0
+    log.metadata["wall_offset_ns"] = "soon"
+    with pytest.raises(LogError, match=r"metadata: wall_offset_ns: 'soon' is no whole number"):
+        print(log.wall_offset_ns)

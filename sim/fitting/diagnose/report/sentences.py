@@ -9,7 +9,7 @@ import numpy as np
 from sim.fitting.diagnose.job import Diagnosis
 from sim.fitting.diagnose.selection.held_out import LEAST_BLOCKS, HeldOutScore, OpenLoopError
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
-from sim.fitting.engine.split import DEAD_SENSOR
+from sim.fitting.engine.split import DEAD_SENSOR, HELD_POSITIONS
 
 SHOWN_S = 10
 ROUGH, QUIET_M_S2 = 2.0, 0.01  # latent acceleration of an unusable reference over the logs', or this; assumed
@@ -47,7 +47,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
             "another, or leave it out."
         )
     for log, problems in diagnosis.problems.items():
-        lines += [f"{log}: {p.text}." for p in problems if p.kind == DEAD_SENSOR]
+        lines += [f"{log}: {p.text}." for p in problems if p.kind in (DEAD_SENSOR, HELD_POSITIONS)]
     if diagnosis.identifiability is not None and diagnosis.identifiability.record.manoeuvre:
         lines.append(diagnosis.identifiability.record.manoeuvre)
     return [*lines, *diagnosis.wiring.open_lines]

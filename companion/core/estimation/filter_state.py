@@ -103,6 +103,10 @@ class FilterState(msgspec.Struct, frozen=True, kw_only=True):
         """Whether all numbers of state and covariance are."""
         return math.isfinite(self.x.sum() + self.P.sum())
 
+    def was_displaced(self, t_ns: int, within_s: float) -> bool:
+        """Whether positions moved the boat against its motion so short a time before `t_ns`."""
+        return self.displaced_ns is not None and 0 <= t_ns - self.displaced_ns < within_s * 1e9
+
     def is_settling(self, most_s: float) -> bool:
         """Whether speed is not known yet, at most so long after the start or the last gap."""
         return not self.settled and self.t_ns - self.since_ns <= most_s * 1e9

@@ -56,7 +56,7 @@ def assess(belief: FilterState, t_ns: int, tuning: EstimatorTuning, position: Po
         reasons.append("no IMU" if imu_s == float("inf") else f"no IMU for {imu_s:.1f} s")
     if heading_s > tuning.imu_timeout_s:
         reasons.append("no heading accepted" + (f" for {heading_s:.1f} s" if heading_s < 1e9 else ""))
-    if belief.displaced_ns is not None and t_ns - belief.displaced_ns < DISPLACED_S * 1e9:
+    if belief.was_displaced(t_ns, DISPLACED_S):
         reasons.append(f"{position.label} was against the motion by more than its error: taken anew")
     if sigma_m > position.degraded_sigma_m and not settles:  # then it grows because speed is not known
         reasons.append(f"position sigma {sigma_m:.2f} m")

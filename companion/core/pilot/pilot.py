@@ -114,7 +114,7 @@ class Pilot:
         view = TickView(
             t_ns, tick.lateness_ns, estimate, state.plan_ns, alive, belief, state.model_nu,
             self.settings.control.period_s, state.helm.driving, state.helm.mode == "excitation",
-            is_suspect(state, belief), thrusters.suspected, thrusters.has_changed(t_ns), _leg(state, estimate),
+            is_suspect(state), thrusters.suspected, thrusters.has_changed(t_ns), _leg(state, estimate),
         )  # fmt: skip
         state, conditions, alerts = self._monitors.on_tick(state, view)
         helm, changes = modes.apply_conditions(state.helm, conditions, t_ns)

@@ -34,7 +34,7 @@ class TickView:
     r of the model alone (`pilot.trust.model_motion`); `period_s`: of the ticks; `driving`: whether the thrusters may
     turn; `learning`: in an excitation, which is flown because the model is not known; `suspect`: sensors contradict
     each other, perhaps; `thrusters_suspected`: which, in words, do not obey, perhaps; `thrusters_changed`: one has just
-    been found that does not, and what was reckoned without knowing is wrong; `leg`: None between missions.
+    been found that does not obey, and what was reckoned without knowing is wrong; `leg`: None between missions.
     """
 
     t_ns: int

@@ -9,8 +9,8 @@ sticks                          `manual_control.StickMonitor`
 untrusted                       `trust.sensors`: `heading_check`, `motion_check`, `path_check`
 crippled                        `trust.thrusters.thruster_monitor`
 what the autopilot has against arming is kept by `arming_refusals`, readings that repeat themselves are left out by
-`stuck_sensor` and `trust.sensors.repeated_ranges`, those that had queued up by `stall`, a battery that is not told by
-`battery.BatteryWatch`: no conditions
+`stuck_sensor` and `trust.sensors.repeated_ranges`, those that had queued up by `stall`, ranges that come late are said
+by `path_check`, a battery that is not told by `battery.BatteryWatch`: no conditions
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ FROZEN_LIMIT_RAD = 0.04
 @dataclass(frozen=True)
 class Turn:
     """Sums since switch-on at `t_ns`: heading unwrapped, yaw rate and the model's yaw rate added up [rad]; `share`: of
-    full thrust at the tick.
+    full thrust at the tick; `rate_rad_s`: the yaw rate then.
     """
 
     t_ns: int
@@ -63,13 +63,14 @@ class Turn:
     gyro_rad: float
     model_rad: float
     share: float = 0.0
+    rate_rad_s: float = 0.0
 
 
 @dataclass(frozen=True)
 class HeadingState:
     """`now`: the sums; `past`: at the last ticks, none before the filter runs; `contradicted`: ticks in a row;
-    `jumped`: heading is left out; `older`: attitudes in a row that were not newer than the one before; `is_suspect`:
-    they disagree over the shortest window, perhaps not enough to say so.
+    `jumped`: heading is left out; `older`: attitudes in a row that were not newer than the one before; `drives_ns`:
+    since when thrusters may turn; `is_suspect`: the two disagree over the shortest window, perhaps not enough to tell.
     """
 
     now: Turn | None = None
@@ -78,6 +79,7 @@ class HeadingState:
     contradicted: int = 0
     jumped: bool = False
     older: int = 0
+    drives_ns: int | None = None
     is_suspect: bool = False
     findings: tuple[Finding, ...] = ()
 
@@ -99,23 +101,26 @@ class HeadingMonitor(Monitor[HeadingState]):
     ) -> tuple[HeadingState, MonitorReport]:
         """Add up one attitude; a new start forgets what was found."""
         if isinstance(message, OperatorCommand):
-            return (self.initial if is_forgotten(state.findings, message) else state), NOTHING
+            anew = replace(self.initial, readings=state.readings)
+            return (anew if is_forgotten(state.findings, message) else state), NOTHING
         if self._sensor.screen(message)[0] is None or math.isnan(message.psi_rad):
             return state, NOTHING
         before, alerts = state.now, ()
         in_site = struct_replace(message, psi_rad=ssa(message.psi_rad - self._rotation_rad))
         sensed = self._sensor.correct(in_site)  # what the file knows of the sensors contradicts nothing
+        rate = yaw_rate(Tilt(sensed.phi_rad, sensed.theta_rad), sensed.q_rad_s, sensed.r_rad_s)
         is_newer = before is not None and 0 < sensed.t_ns - before.t_ns <= GAP_NS
         left_out = MonitorReport(instead=struct_replace(message, psi_rad=math.nan)) if state.jumped else NOTHING
         if not is_newer and before is not None and abs(sensed.t_ns - before.t_ns) <= GAP_NS and state.older < OLDER:
             return replace(state, older=state.older + 1), left_out
         if before is None or not is_newer:
-            now = Turn(sensed.t_ns, sensed.psi_rad, 0.0, 0.0)
+            now = Turn(sensed.t_ns, sensed.psi_rad, 0.0, 0.0, rate_rad_s=rate)
             return replace(state, now=now, past=(), contradicted=0), left_out
         dt_s = (sensed.t_ns - before.t_ns) * 1e-9
-        tilt = Tilt(sensed.phi_rad, sensed.theta_rad)
-        turn, by_gyro = ssa(sensed.psi_rad - before.psi_rad), yaw_rate(tilt, sensed.q_rad_s, sensed.r_rad_s) * dt_s
-        now = Turn(sensed.t_ns, before.psi_rad + turn, before.gyro_rad + by_gyro, before.model_rad)
+        turn, by_gyro = ssa(sensed.psi_rad - before.psi_rad), (before.rate_rad_s + rate) / 2 * dt_s
+        now = Turn(
+            sensed.t_ns, before.psi_rad + turn, before.gyro_rad + by_gyro, before.model_rad, rate_rad_s=rate
+        )  # fmt: skip
         if state.past and not state.jumped and abs(turn - by_gyro) > JUMP_RAD:
             text = f"heading jumped by {math.degrees(turn):.0f} degrees: left out until the next start (compass?)"
             alerts = (Alert(t_ns=t_ns, level="error", text=text),)
@@ -134,9 +139,10 @@ class HeadingMonitor(Monitor[HeadingState]):
         now = replace(state.now, model_rad=model, share=float(np.mean(np.abs(thrust_n) / self._most_n)))
         first, last = _first(state.past, now.t_ns - round(LATELY_S * 1e9)), _first(state.past, now.t_ns)
         past = (*state.past[first:last], now)
-        state = replace(state, now=now, past=past)
-        if state.jumped or state.findings:
-            return state, self._report(state)
+        drives_ns = (view.t_ns if state.drives_ns is None else state.drives_ns) if view.driving else None
+        state = replace(state, now=now, past=past, drives_ns=drives_ns)
+        if state.jumped or state.findings:  # a heading that jumped is left out, and contradicts nothing
+            return replace(state, is_suspect=not state.jumped), self._report(state)
         limit_rad = FROZEN_LIMIT_RAD if state.readings.frozen else LIMIT_RAD
         beyond = [_contradiction(now, past, window_s, limit_rad) for window_s in WINDOWS_S]
         worst = max(beyond, key=lambda c: c[0])
@@ -145,9 +151,11 @@ class HeadingMonitor(Monitor[HeadingState]):
         state = replace(state, contradicted=state.contradicted + 1 if is_beyond else 0, is_suspect=is_suspect)
         if state.readings.scatter_rad_s > SCATTER_RAD_S:
             what, text = "gyro", "the yaw rate jumps to and fro as no boat turns: the gyro is wrong"
-        elif state.readings.hangs and view.driving:
-            what = state.readings.frozen
-            text = f"the {what} says the same to the last digit again and again, as it never did before: it hangs"
+        elif drives_ns is not None and 0.0 < state.readings.hung_s <= (view.t_ns - drives_ns) * 1e-9:
+            what, same_s = state.readings.frozen, state.readings.hung_s
+            text = (
+                f"the {what} has said the same to the last digit for {same_s:.1f} s, as it never did before: it hangs"
+            )
         elif state.contradicted >= TICKS:
             what, text = _name(now, worst[1], _last(now, past, WINDOWS_S[0]), state.readings.frozen)
         else:

@@ -6,8 +6,8 @@
     force     the lasting latent force beyond what water, wind and thrusters that are off can do
     ranges    cumulative sum of what the second best range of each cycle says (d^2 = nu^2 / S): two bad anchors of four,
               one of three, count for nothing; of a position the mean of both coordinates
-    anchors   fewer than three whose ranges are not off by metres, of a boat that ranges have moved against its motion:
-              those that are off may be the ones that are right
+    anchors   off by metres since ranges moved the boat against its motion, so that fewer than three, or no more than
+              those, agree: they may be the ones that are right
 
 Each ends in `untrusted`: position and motion contradict each other, and nobody can tell which of them is right. Not in
 an excitation, which is flown because the model is not known.
@@ -25,6 +25,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.filter_state import B_RANGE, FilterState
+from companion.core.estimation.health import DISPLACED_S
 from companion.core.geometry.frames import rotate
 from companion.core.messages import Alert, Innovation, OperatorCommand
 from companion.core.model.actuators.propulsion import ActuatorSet
@@ -83,7 +84,7 @@ NO_CYCLE = Cycle({})
 @dataclass(frozen=True)
 class MotionState:
     """`slip_m_s`: mean, north and east; `beyond`, `forced`: ticks in a row with too much slip, too much force; `sum`:
-    of the ranges' surprise; `cycle`: the one at hand.
+    of the ranges' surprise; `cycle`: the one at hand; `doubted`: anchors that may have moved the boat, by number.
     """
 
     slip_m_s: tuple[float, float] = (0.0, 0.0)
@@ -91,6 +92,7 @@ class MotionState:
     forced: int = 0
     sum: float = 0.0
     cycle: Cycle = NO_CYCLE
+    doubted: tuple[int, ...] = ()
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -107,7 +109,7 @@ class MotionMonitor(Monitor[MotionState]):
 
     def __init__(self, vessel: VesselFile):
         kind, rate_Hz = position_kind(vessel.sensors), vessel.sensors.position.rate_Hz
-        self._words = kind.words
+        self._words, self._has_anchors = kind.words, vessel.sensors.uwb is not None
         self._weight = min(1.0, kind.words.counts_Hz / rate_Hz)
         along_each = np.diag([FLOW_M_S, FLOW_M_S, TURN_RAD_S])
         flow = [float(damping_force(coefficients(vessel), nu)[axis]) for axis, nu in enumerate(along_each)]
@@ -120,7 +122,8 @@ class MotionMonitor(Monitor[MotionState]):
     ) -> tuple[MotionState, MonitorReport]:
         """One innovation of a range or coordinate; a new start forgets what was found."""
         if isinstance(message, OperatorCommand):
-            return (self.initial if is_forgotten(state.findings, message) else state), NOTHING
+            anew = replace(self.initial, doubted=state.doubted)
+            return (anew if is_forgotten(state.findings, message) else state), NOTHING
         if not message.sensor.startswith(("range", "position")):
             return state, NOTHING
         if message.sensor in state.cycle.d2:
@@ -148,11 +151,12 @@ class MotionMonitor(Monitor[MotionState]):
         beyond = state.beyond + 1 if is_known and math.hypot(north, east) > SIGMAS * sigma else 0
         lasting = belief.latent_means.lasting
         forced = state.forced + 1 if (np.abs(lasting) > self._force_n).any() else 0
-        state = replace(state, slip_m_s=(north, east), beyond=beyond, forced=forced)
+        doubted, anchors = _anchors_off(belief, state.doubted, view.t_ns) if self._has_anchors else ((), "")
+        state = replace(state, slip_m_s=(north, east), beyond=beyond, forced=forced, doubted=doubted)
         if state.findings:
             return state, _report(state)
-        text = _sentence(state, lasting, self._words, LIMIT if is_known else UNSETTLED * LIMIT) or _anchors_off(belief)
-        if not text:
+        text = _sentence(state, lasting, self._words, LIMIT if is_known else UNSETTLED * LIMIT)
+        if not (text := text or anchors):
             return state, NOTHING
         if view.thrusters_suspected:
             text += f"; suspected before: {view.thrusters_suspected}"
@@ -179,16 +183,19 @@ def _sentence(state: MotionState, lasting: tuple[float, float, float], words: Po
     return ""
 
 
-def _anchors_off(belief: FilterState) -> str:
-    """What is wrong with the anchors; empty: enough of them agree."""
-    biases = belief.x[B_RANGE : B_RANGE + len(belief.anchor_gates)]
-    off = biases[np.abs(biases) > OFF_M]
-    if belief.displaced_ns is None or not len(off) or len(biases) - len(off) >= LEAST_ANCHORS:
-        return ""
-    sizes = " and ".join(f"{b:+.1f}" for b in off)
-    return (
-        f"ranges of {len(off)} of {len(biases)} anchors are off by {sizes} m, and nobody can tell which are right:"
-        " anchors elsewhere than in the site file, or ranges of another scale"
+def _anchors_off(belief: FilterState, doubted: tuple[int, ...], t_ns: int) -> tuple[tuple[int, ...], str]:
+    """Anchors, of those heard, that may have moved the boat, and what is wrong; empty: enough of them agree."""
+    heard = [i for i, seen in enumerate(belief.latest) if seen is not None]
+    off = [i for i in heard if abs(belief.x[B_RANGE + i]) > OFF_M]
+    is_new = belief.was_displaced(t_ns, DISPLACED_S)
+    doubted = tuple(i for i in off if is_new or i in doubted)
+    if not doubted or len(heard) - len(off) >= max(LEAST_ANCHORS, len(off) + 1):
+        return (), ""
+    sizes = " and ".join(f"{belief.x[B_RANGE + i]:+.1f}" for i in off)
+    return doubted, (
+        f"ranges of {len(off)} of {len(heard)} anchors are off by {sizes} m since they moved the boat, and nobody can"
+        " tell which are right: anchors elsewhere than in the site file, or ranges of another scale; put that right and"
+        " restart the boat's program, which finds its place anew"
     )
 
 

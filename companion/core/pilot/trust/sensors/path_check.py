@@ -44,8 +44,8 @@ WAY_M, LEAST_RANGES = 0.5, 8
 FLOW_M_S, SHARE, BIAS_M_S2 = 0.3, 0.15, 0.15
 """Sigmas of a current, of scale and rotation [rad] of the model's path, and of the specific force's bias and level;
 assumed."""
-LATE_NATS, TURNED_NATS, COUNTS_HZ = ((12.0, 6.0),), ((5.0, 2.5), (8.0, 0.4)), 4.0
-"""By model and by specific force, either pair. Assumed. Of 80 boats that were up to half as heavy or strong again as
+LATE_NATS, TURNED_NATS, COUNTS_HZ = (12.0, 6.0), (5.0, 2.5), 4.0
+"""By model and by specific force. Assumed. Of 80 boats that were up to half as heavy or strong again as
 their file says, or half of that, and 100 in gusts and waves with reflections, none had more than 9 and 4.5 at once for
 a delay, and 4.1 and 3.6 for a turn. Ranges that come more often than `COUNTS_HZ` share their errors."""
 SUSPECT_NATS = 2.5, 0.4
@@ -141,7 +141,7 @@ class PathMonitor(Monitor[PathState]):
         is_suspect = bool(found.turn_rad) and (state.is_suspect or evidence.exceeds(*SUSPECT_NATS))
         state = replace(state, is_suspect=is_suspect)
         enough = LATE_NATS if is_late else TURNED_NATS
-        if (is_late and state.blamed) or not any(evidence.exceeds(*nats) for nats in enough):
+        if (is_late and state.blamed) or not evidence.exceeds(*enough):
             return state, NOTHING
         if is_late:
             text = (

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 FROZEN = 10
 """So many readings in a row that are the same to the last digit are suspicious, if the other sensor turns; assumed."""
-HANGS, LIVELY, TWICE = 25, 250, 2
-"""So many, half a second, are not measured any more, whether it turns or not, of a sensor that changed with each of the
-last `LIVELY` readings, but for `TWICE` the same at most: one that says whole degrees or mrad/s repeats itself as a
-matter of course. Assumed."""
+HANGS_S, LIVELY, TWICE = 0.5, 100, 2
+"""So many for so long are not measured any more, whether it turns or not, of a sensor that was lively before: of
+`LIVELY` readings none came more than `TWICE` again, and the last ones are not rounded. Assumed."""
+RECENT, FINEST, PART, ROUNDED = 20, 1e-5, 0.1, 0.3
+"""So many readings tell whether a sensor rounds, to no finer step [rad, rad/s] than this: of their changes less than a
+share `ROUNDED` are no multiples of the step, within a `PART` of it. Assumed."""
 TURNS_RAD_S2, SCATTER_RAD_S, SCATTER_S, SPIKE_RAD_S = 2.0, 0.03, 1.0, 0.3
 """No boat of this size accelerates its turn by more than the first. What yaw rates change beyond that from one to the
 next, averaged over `SCATTER_S`, is noise: of a good gyro nothing is left, 0.03 are left of 0.06 rad/s. A single spike
@@ -19,17 +23,22 @@ counts for `SPIKE_RAD_S` at most. Assumed."""
 
 @dataclass(frozen=True)
 class Repetition:
-    """The last reading, how often it has been repeated, and how many before it were lively."""
+    """The last reading, how often and for how long it has been repeated; how many before it were lively, and the last
+    of them.
+    """
 
     value: float = math.nan
     repeats: int = 0
+    same_s: float = 0.0
     lively: int = 0
+    recent: tuple[float, ...] = ()
 
-    def take(self, value: float) -> Repetition:
-        """With one reading more."""
+    def take(self, value: float, dt_s: float) -> Repetition:
+        """With one reading more, `dt_s` after the last."""
         if value == self.value:
-            return replace(self, repeats=self.repeats + 1)
-        return Repetition(value, 0, self.lively + 1 if self.repeats < TWICE else 0)
+            return replace(self, repeats=self.repeats + 1, same_s=self.same_s + dt_s)
+        lively = self.lively + 1 if self.repeats <= TWICE else 0
+        return Repetition(value, lively=lively, recent=(*self.recent, value)[-RECENT:])
 
     @property
     def is_frozen(self) -> bool:
@@ -39,7 +48,16 @@ class Repetition:
     @property
     def hangs(self) -> bool:
         """Whether it surely is not."""
-        return self.repeats >= HANGS and self.lively >= LIVELY
+        return self.is_frozen and self.same_s >= HANGS_S and self.lively >= LIVELY and not _are_rounded(self.recent)
+
+
+def _are_rounded(readings: tuple[float, ...]) -> bool:
+    """Whether readings change by multiples of one step: the least change, or difference between two changes."""
+    changes = np.abs(np.diff(readings))
+    steps = np.append(changes, np.diff(np.sort(changes)))
+    step = max(FINEST, float(steps[steps > FINEST].min(initial=math.inf)))
+    off = np.abs(changes / step - np.round(changes / step))
+    return bool((off > PART).mean() < ROUNDED)
 
 
 @dataclass(frozen=True)
@@ -55,7 +73,7 @@ class TurnReadings:
         change = abs(r_rad_s - self.r_rad_s.value)
         beyond = min(max(0.0, change - TURNS_RAD_S2 * dt_s), SPIKE_RAD_S) if math.isfinite(change) else 0.0
         scatter = self.scatter_rad_s + min(1.0, dt_s / SCATTER_S) * (beyond - self.scatter_rad_s)
-        return TurnReadings(self.psi_rad.take(psi_rad), self.r_rad_s.take(r_rad_s), scatter)
+        return TurnReadings(self.psi_rad.take(psi_rad, dt_s), self.r_rad_s.take(r_rad_s, dt_s), scatter)
 
     @property
     def frozen(self) -> str:
@@ -65,9 +83,10 @@ class TurnReadings:
         return "heading" if self.psi_rad.is_frozen else "gyro"
 
     @property
-    def hangs(self) -> bool:
-        """Whether the one that is frozen hangs."""
-        return bool(self.frozen) and (self.psi_rad.hangs or self.r_rad_s.hangs)
+    def hung_s(self) -> float:
+        """How long the one that is frozen hangs; 0: it does not."""
+        hanging = [one.same_s for one in (self.psi_rad, self.r_rad_s) if one.hangs]
+        return hanging[0] if self.frozen and hanging else 0.0
 
 
 UNREAD = TurnReadings()

@@ -11,6 +11,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.filter_state import FilterState
+from companion.core.estimation.health import DISPLACED_S
 from companion.core.messages import Alert
 from companion.core.pilot.monitors.monitor import NOTHING, MonitorReport, TickView
 from companion.core.pilot.trust.thrusters.hypothesis_bank import BankState, ThrusterBank, ThrustHypothesis
@@ -35,6 +36,8 @@ LEAST_TICKS = 10
 WAVE_TICKS, PUSHED_NATS = 30, 40.0
 """A push, or a bad accelerometer, needs so many residuals and nats, which tell it from waves: those of 0.2 m make up to
 25 nats within their first periods."""
+DOUBT_NS = 2_000_000_000
+"""So long after sensors contradicted each other the sums forget what came of that; assumed."""
 QUIET_NS = 1_000_000_000
 """Dead time, lag and filters together; assumed."""
 BEARABLE_SHARE = 0.3
@@ -59,6 +62,7 @@ class ThrusterState:
     `before`: the filter at the last tick, and its yaw rate; `health`: what is known; `probing`: forces that cancel
     each other are commanded, to tell one thruster from another; `quiet_until_ns`: commands of before the latest
     change are still under way; `suspected`: hypotheses that explain it alike, in words, since they were told of;
+    `doubted_ns`: when sensors last may have contradicted each other;
     `accel_off`: the accelerometer is left out until the next start; `pending`: of the last tick, not yet in the bank.
     """
 
@@ -74,12 +78,13 @@ class ThrusterState:
     probing: bool = False
     quiet_until_ns: int = 0
     suspected: str = ""
+    doubted_ns: int | None = None
     accel_off: bool = False
     pending: TickMotion | None = None
 
     def has_changed(self, t_ns: int) -> bool:
         """Whether one has just been found: commands of before are still under way."""
-        return t_ns < self.quiet_until_ns
+        return 0 < self.quiet_until_ns - t_ns <= QUIET_NS
 
 
 class ThrusterVerdicts:
@@ -105,9 +110,11 @@ class ThrusterVerdicts:
         report = report_of(state)
         near = [k for k in order if nats[k] > nats[best] - AHEAD_NATS]
         asks = any(nats[k] >= ASK_NATS and kinds[k].is_thruster for k in near) and not view.suspect
-        state = replace(state, probing=asks)
-        if nats[best] < SURE_NATS or view.suspect or state.bank.count < LEAST_TICKS:
+        state = replace(state, probing=asks, doubted_ns=view.t_ns if view.suspect else state.doubted_ns)
+        if nats[best] < SURE_NATS or state.bank.count < LEAST_TICKS:
             return state, report
+        if self._may_be_sensors(state, view, best):
+            return self._undecided(state, [kinds[k] for k in near[:2]], view, sensors=True)
         dead = [k for k in near if kinds[k].i == kinds[best].i and self._says_dead(state, k)]
         if best in dead:  # to give nothing of what is asked for, and to be stuck at nothing, is the same
             near = [k for k in near if k not in dead]
@@ -118,6 +125,16 @@ class ThrusterVerdicts:
         if not kinds[best].blames_thrust and (state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS):
             return state, report
         return self.found(state, int(best), view)
+
+    def _may_be_sensors(self, state: ThrusterState, view: TickView, best: int) -> bool:
+        """Whether what speaks for `best` may have come of sensors. A thruster that nobody can hold against is named as
+        the speed that a displaced position left behind is still doubtful: it would push the boat out meanwhile.
+        """
+        if state.doubted_ns is not None and 0 <= view.t_ns - state.doubted_ns < DOUBT_NS:
+            return True
+        h, force_n = self._bank.hypotheses[best], float(state.bank.mean[best, -1])
+        displaced = view.belief is not None and view.belief.was_displaced(view.t_ns, DISPLACED_S)
+        return displaced and not (h.kind == "stuck" and not self.is_bearable(h.i, force_n))
 
     def _rivals(self, state: ThrusterState, best: int, near: list[int]) -> tuple[int, list[ThrustHypothesis]]:
         """What to believe, and what explains it as well, of the `best` and those that are near it."""
@@ -146,12 +163,13 @@ class ThrusterVerdicts:
         return REVERSED_GAIN < gain < (SPARED_GAIN if self._spared[i] else DEAD_GAIN)
 
     def _undecided(
-        self, state: ThrusterState, rivals: list[ThrustHypothesis], view: TickView
+        self, state: ThrusterState, rivals: list[ThrustHypothesis], view: TickView, *, sensors: bool = False
     ) -> tuple[ThrusterState, MonitorReport]:
-        """Several explain it alike."""
+        """Several explain it alike, or sensors may."""
         if state.suspected:
             return state, report_of(state)
-        suspected = " or ".join(_words(h, self._names) for h in rivals[:3])
+        words = [_words(h, self._names) for h in rivals[:3]] + ["sensors contradict each other"] * sensors
+        suspected = " or ".join(words)
         alert = Alert(t_ns=view.t_ns, level="warning", text=f"the boat does not do what it is told: {suspected}")
         return replace(state, suspected=suspected), report_of(state, alert)
 

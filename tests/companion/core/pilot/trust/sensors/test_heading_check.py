@@ -11,6 +11,7 @@ import pytest
 
 from companion.core.messages import Attitude
 from companion.core.pilot.trust.sensors.heading_check import HeadingMonitor, HeadingState
+from companion.core.pilot.trust.sensors.turn_readings import Repetition
 from tests.companion.core.pilot.monitors.monitor_fixture import view
 from tests.support.vessel_fixtures import boat
 
@@ -25,9 +26,10 @@ def course(t_s):
 
 
 def watched(spoil, seed=1, end_s=END_S, share=lambda t_s: 0.1, runs_s=0.0, again=lambda message: (), course=course,
-            start_s=FAULT_S, **shown):  # fmt: skip
+            start_s=FAULT_S, drives_s=0.0, **shown):  # fmt: skip
     """The monitor's state after 12 s at 50 Hz; `spoil`: what psi and r become from `start_s` on; `share`: of thrust;
-    `runs_s`: since when the filter runs; `again`: what comes after each attitude; `shown`: of the view.
+    `runs_s`: since when the filter runs; `again`: what comes after each attitude; `drives_s`: since when
+    thrusters may turn; `shown`: of the view.
     """
     vessel = boat("aritra")
     monitor, rng = HeadingMonitor(vessel, 0.0), np.random.default_rng(seed)
@@ -46,7 +48,7 @@ def watched(spoil, seed=1, end_s=END_S, share=lambda t_s: 0.1, runs_s=0.0, again
         if k % 5 == 0:
             f_n = np.array([share(k / 50) * t.force_max_N for t in vessel.thrusters])
             belief = SimpleNamespace(f_n=f_n) if k / 50 >= runs_s else None
-            seen = {"belief": belief, "model_nu": (0.0, 0.0, course(k / 50)[1]), "driving": True, **shown}
+            seen = {"belief": belief, "model_nu": (0.0, 0.0, course(k / 50)[1]), "driving": k / 50 >= drives_s, **shown}
             seen = replace(view(t_ns), **seen)
             state, _ = monitor.on_tick(state, seen)
     return state
@@ -91,6 +93,38 @@ def test_one_that_hangs_is_found_though_the_boat_goes_straight(spoil, what):
     assert finding.what == what and finding.t_ns <= (FAULT_S + 0.7) * S
 
 
+@pytest.mark.parametrize("degrees", [1.0, 0.1, 0.01])
+def test_a_heading_in_whole_steps_does_not_hang_where_a_boat_that_circled_goes_straight(degrees):
+    """At 10 Hz, of a boat that circles for 20 s."""
+    readings, psi_rad = Repetition(), 0.0
+    for k in range(400):
+        psi_rad += math.radians(25.0 if k < 200 else 0.0) * 0.1
+        readings = readings.take(math.radians(degrees) * round(math.degrees(psi_rad) / degrees), 0.1)
+        assert not readings.hangs
+    assert readings.lively > 100, "but for the steps it would"
+
+
+@pytest.mark.parametrize(("rate_Hz", "within_s"), [(50, 0.5), (10, 1.0), (4, 2.5)])
+def test_a_sensor_of_any_rate_hangs_after_half_a_second_and_ten_readings(rate_Hz, within_s):
+    rng, readings = np.random.default_rng(4), Repetition()
+    for _ in range(200):
+        readings = readings.take(np.float32(rng.normal(1.0, 0.002)), 1 / rate_Hz)
+        assert not readings.hangs
+    for _ in range(math.ceil(within_s * rate_Hz)):
+        readings = readings.take(readings.value, 1 / rate_Hz)
+    assert readings.hangs
+
+
+def test_one_that_was_silent_at_rest_has_half_a_second_to_live_again():
+    """Its readings were clamped to zero until thrust shook it."""
+
+    def resting(psi, r, rng):
+        return (psi, 0.0) if next(times) < round(3.1 * 50) else (psi, r)
+
+    times = iter(range(10**6))
+    assert straight(resting, drives_s=FAULT_S + 3.0).findings == ()
+
+
 def test_what_is_said_again_for_another_reason_does_not_hang():
     """At rest nothing shakes it; whole messages come again; a gyro says whole mrad/s."""
     hung, rounded = (lambda psi, r, rng: (psi, 0.001)), iter(range(10**6))
@@ -103,6 +137,8 @@ def test_one_of_them_that_may_be_wrong_keeps_thrusters_from_being_blamed():
     """A gyro that is wrong by a tenth of a turn: not enough to say so."""
     assert watched(lambda psi, r, rng: (psi, r + 0.09)).is_suspect
     assert not watched(lambda psi, r, rng: (psi, r)).is_suspect
+    assert watched(lambda psi, r, rng: (psi, r + rng.normal(0, 0.1))).is_suspect, "what was found is not believed"
+    assert not watched(lambda psi, r, rng: (psi + 0.4, r)).is_suspect, "a heading that jumped is left out"
 
 
 def test_a_compass_that_drifts_is_found_though_slowly():

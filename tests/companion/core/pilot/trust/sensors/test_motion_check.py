@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.core.estimation.latent_activity import LatentMeans
-from companion.core.messages import Innovation
+from companion.core.messages import Innovation, OperatorCommand
 from companion.core.pilot.trust.sensors.motion_check import FORCE_TICKS, SLIP_TICKS, MotionMonitor, MotionState
 from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterState
 from tests.companion.core.pilot.monitors.monitor_fixture import view
@@ -32,8 +32,8 @@ def test_what_was_suspected_stands_in_the_reason_of_the_stop(suspected):
 
 S = 1_000_000_000
 AT_REST = SimpleNamespace(
-    since_ns=-10 * S, x=np.zeros(24), latent_means=LatentMeans(), settled=True, anchor_gates=[None] * 4,
-    displaced_ns=None,
+    since_ns=-10 * S, x=np.zeros(24), latent_means=LatentMeans(), settled=True, latest=[object()] * 4,
+    was_displaced=lambda t_ns, within_s: False,
 )  # fmt: skip
 
 
@@ -79,20 +79,45 @@ def test_ranges_that_come_one_by_one_are_judged_in_threes(d2, found):
     assert (contradicted_after_s(10.0, d2, one_by_one=True) is not None) is found
 
 
+def biased(state, biases_m, displaced_s, t_s, heard=None, vessel="aritra"):
+    """State and condition at `t_s` where ranges moved the boat at `displaced_s` and anchors have these biases."""
+    heard = len(biases_m) if heard is None else heard
+    latest = [object()] * heard + [None] * (len(biases_m) - heard)
+    belief = SimpleNamespace(**{
+        **vars(AT_REST), "x": np.r_[np.zeros(20), biases_m], "latest": latest,
+        "was_displaced": lambda t_ns, within_s: 0 <= t_ns / S - displaced_s < within_s,
+    })  # fmt: skip
+    state, report = MotionMonitor(vessel_of(vessel)).on_tick(state, replace(view(t_s * S), belief=belief))
+    return state, report.events.get("untrusted", "")
+
+
 @pytest.mark.parametrize(
-    ("biases_m", "displaced_ns", "found"),
+    ("biases_m", "displaced_s", "heard", "found"),
     [
-        ((0.0, 0.0, 3.9, 5.0), 2 * S, True),  # ranges of another scale: two anchors carry the boat off
-        ((0.0, 0.0, 3.9, 5.0), None, False),  # two that were moved, while the others went on agreeing with the motion
-        ((0.0, 0.1, 0.0, 2.5), 2 * S, False),
-        ((0.0, 0.0, 0.9, 1.1), 2 * S, False),
+        ((0.0, 0.0, 3.9, 5.0), 2, 4, "2 of 4 anchors are off by +3.9 and +5.0 m"),  # another scale: two carry it off
+        ((0.0, 0.0, 3.9, 5.0), -60, 4, ""),  # two that were moved, while the others went on agreeing with the motion
+        ((0.0, 0.1, 0.0, 2.5), 2, 4, ""),
+        ((0.0, 0.0, 0.9, 1.1), 2, 4, ""),
+        ((2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 2, 4, "2 of 4 anchors"),  # the others are out of reach
+        ((2.0,) * 4 + (0.0,) * 4, 2, 8, "4 of 8 anchors"),
+        ((2.0,) * 3 + (0.0,) * 5, 2, 8, ""),
     ],
 )
-def test_two_anchors_of_four_that_moved_the_boat_against_its_motion_do_not_vouch_for_a_place(
-    biases_m, displaced_ns, found
-):
+def test_anchors_that_moved_the_boat_against_its_motion_do_not_vouch_for_its_place(biases_m, displaced_s, heard, found):
+    _, text = biased(MotionState(), biases_m, displaced_s, 3, heard)
+    assert (found in text) if found else not text
+
+
+def test_what_moved_the_boat_is_doubted_after_a_new_start_too_and_what_comes_later_is_not():
+    state, text = biased(MotionState(), (0.0, 0.0, 3.9, 5.0), 2, 3)
+    assert text and "restart" in text
     monitor = MotionMonitor(vessel_of("aritra"))
-    belief = SimpleNamespace(**{**vars(AT_REST), "x": np.r_[np.zeros(20), biases_m], "displaced_ns": displaced_ns})
-    _, report = monitor.on_tick(MotionState(), replace(view(3 * S), belief=belief))
-    assert ("untrusted" in report.events) is found
-    assert not found or "2 of 4 anchors are off by +3.9 and +5.0 m" in report.events["untrusted"]
+    state, _ = monitor.on_message(state, OperatorCommand(t_ns=50 * S, command="start"), 50 * S)
+    assert not state.findings and biased(state, (0.0, 0.0, 3.9, 5.0), 2, 60)[1]
+    assert not biased(state, (0.0, 0.0, 0.1, 5.0), 2, 60)[1], "one has come back"
+    assert not biased(MotionState(), (0.0, 0.0, 3.9, 5.0), 2, 60)[1]
+
+
+def test_a_boat_without_uwb_has_no_anchors_to_doubt():
+    """Its other sensors' slow errors stand where the anchors' would."""
+    assert not biased(MotionState(), (3.0, 3.0), 2, 3, vessel="lake")[1]

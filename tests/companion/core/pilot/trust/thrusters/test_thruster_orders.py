@@ -1,6 +1,7 @@
 """What is found of a dead thruster, and what a new order and a second finding leave of it. Seeds 5 and 6."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ B, M = configuration_matrix(VESSEL), mass_matrix(VESSEL)
 REMAINING, MONITOR, BANK = RemainingThrust(VESSEL), ThrusterMonitor(VESSEL), ThrusterBank(B, M)
 VERDICTS = ThrusterVerdicts(VESSEL, BANK)
 AHEAD = np.full(4, 7.0)
+S = 1_000_000_000
 
 
 def driven(state, first_n, seconds, seed=5):
@@ -164,3 +166,33 @@ def test_of_two_thrusters_none_can_be_spared():
     weak, dead = (judged(verdicts, bank, gain_0=(17.0, share - 1.0, 0.1)) for share in (0.25, 0.1))
     assert weak.health.gains == (pytest.approx(0.25), 1.0) and dead.health.gains == (0.0, 1.0)
     assert [s.findings[0].text.partition("; ")[2] for s in (weak, dead)] == ["the others take over what they can"] * 2
+
+
+def shown(kind, nats, force_n=0.0, state=MONITOR.initial, t_s=10.0, displaced=False, **seen):
+    """State and finding where so much speaks for a hypothesis on thruster 0, stuck at this force."""
+    k = BANK.hypotheses.index(ThrustHypothesis(kind, 0))
+    bank = replace(BANK.initial(), count=100)
+    bank.nats[k], bank.mean[k, -1] = nats, force_n
+    belief = SimpleNamespace(was_displaced=lambda t_ns, within_s: displaced)
+    view = TickView(round(t_s * S), 0, None, 0, True, belief=belief, driving=True, **seen)
+    state, report = VERDICTS.judge(replace(state, bank=bank), view)
+    return state, [f.what for f in state.findings], [a.text for a in report.alerts]
+
+
+def test_no_thruster_is_blamed_while_sensors_contradict_each_other_nor_right_after():
+    state, found, (alert,) = shown("gain", 30.0, suspect=True)
+    assert not found and alert.endswith("gives another force or sensors contradict each other")
+    assert not shown("gain", 30.0, state=state, t_s=11.9)[1]
+    assert shown("gain", 30.0, state=state, t_s=12.1)[1] == ["front_port"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "force_n", "found"), [("gain", 0.0, []), ("stuck", 3.0, []), ("stuck", 30.0, ["front_port"])]
+)
+def test_after_positions_have_moved_the_boat_only_a_thruster_that_nobody_holds_against_is_named(kind, force_n, found):
+    assert shown(kind, 30.0, force_n, displaced=True)[1] == found
+
+
+def test_what_was_just_found_is_over_after_a_second_and_where_the_clock_went_back():
+    state = replace(MONITOR.initial, quiet_until_ns=11 * S)
+    assert [state.has_changed(round(t_s * S)) for t_s in (5.0, 10.5, 11.0)] == [False, True, False]

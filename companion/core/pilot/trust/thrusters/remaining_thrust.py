@@ -11,6 +11,7 @@ The plan's body force tau = B f is kept: thrusters that can still be commanded t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -40,6 +41,27 @@ class ThrusterHealth:
     def is_sound(self) -> bool:
         """Whether nothing is wrong."""
         return self == ThrusterHealth.sound(len(self.gains))
+
+    def known(self, names: Sequence[str]) -> str:
+        """What a boat that is ordered anew still takes for granted; empty: all thrusters are sound."""
+        if self.is_sound:
+            return ""
+        lines = [f"thruster {name} {gain_words(g)}" for name, g in zip(names, self.gains, strict=True) if g != 1.0]
+        for name, force_n in zip(names, self.stuck_n, strict=True):
+            if force_n is not None:
+                how = f"is stuck at {force_n:.0f} N" if force_n else "counts as switched off"
+                lines.append(f"thruster {name} {how}")
+        for i, j in enumerate(self.order):
+            if i < j:
+                lines.append(f"thrusters {names[i]} and {names[j]} get each other's pulses")
+        return f"as found before: {'; '.join(lines)}. Once repaired, restart the boat's program"
+
+
+def gain_words(gain: float) -> str:
+    """What a thruster of this gain does."""
+    if gain < 0:
+        return "pushes the wrong way: its pulses are turned round"
+    return "pushes hardly or not at all" if gain == 0 else f"gives {100 * gain:.0f} % of its force"
 
 
 PROBE_N, PROBE_NS = 3.0, 1_000_000_000

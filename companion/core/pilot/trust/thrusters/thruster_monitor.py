@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.messages import Attitude, ImuSample, OperatorCommand
+from companion.core.messages import Alert, Attitude, ImuSample, OperatorCommand
 from companion.core.model.actuators.propulsion import is_steered
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
@@ -38,6 +38,7 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         n, self._steered = len(vessel.thrusters), is_steered(vessel)
         imu = vessel.sensors.imu
         self._sensors: dict[type, Sensor] = {ImuSample: InertialSensor(imu), Attitude: AttitudeSensor(imu)}
+        self._names = [thruster.name for thruster in vessel.thrusters]
         self._bank = ThrusterBank(configuration_matrix(vessel), mass_matrix(vessel))
         self._verdicts = ThrusterVerdicts(vessel, self._bank)
         self._balance = ForceBalance(vessel)
@@ -49,9 +50,12 @@ class ThrusterMonitor(Monitor[ThrusterState]):
     ) -> tuple[ThrusterState, MonitorReport]:
         """Collect what the tick will need; a new start forgets that nothing can be done, not which thruster it is."""
         if isinstance(message, OperatorCommand):
-            if message.command == "stop" or not (state.hopeless or state.accel_off or state.suspected):
+            if message.command == "stop":
                 return state, NOTHING
-            return self._begun_anew(state, by_hand=message.command == "manual"), NOTHING
+            if state.hopeless or state.accel_off or state.suspected:
+                state = self._begun_anew(state, by_hand=message.command == "manual")
+            text = state.health.known(self._names)
+            return state, MonitorReport(alerts=(Alert(t_ns=t_ns, level="warning", text=text),) if text else ())
         sensor = self._sensors[type(message)]
         if sensor.screen(message)[0] is None:
             return state, NOTHING

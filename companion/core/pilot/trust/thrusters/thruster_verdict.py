@@ -15,7 +15,7 @@ from companion.core.estimation.health import DISPLACED_S
 from companion.core.messages import Alert
 from companion.core.pilot.monitors.monitor import NOTHING, MonitorReport, TickView
 from companion.core.pilot.trust.thrusters.hypothesis_bank import BankState, ThrusterBank, ThrustHypothesis
-from companion.core.pilot.trust.thrusters.remaining_thrust import ThrusterHealth
+from companion.core.pilot.trust.thrusters.remaining_thrust import ThrusterHealth, gain_words
 from companion.core.pilot.trust.verdict import Finding
 
 SURE_NATS, AHEAD_NATS = 15.0, 5.0
@@ -190,7 +190,7 @@ class ThrusterVerdicts:
                 gains[h.i] = math.copysign(share, gains[h.i])
                 text = f"thruster {what} gives {100 * share:.0f} % of its force again"
             else:
-                words = _gain_words(-1.0 if gain < 0 else abs(gains[h.i]))
+                words = gain_words(-1.0 if gain < 0 else abs(gains[h.i]))
                 text = f"thruster {what} {words}; the others take over{'' if self._spared[h.i] else ' what they can'}"
         elif h.kind == "stuck":
             what = self._names[h.i]
@@ -231,12 +231,6 @@ class ThrusterVerdicts:
 def report_of(state: ThrusterState, *alerts: Alert) -> MonitorReport:
     """The condition that holds, and alerts."""
     return MonitorReport({"crippled": state.hopeless} if state.hopeless else {}, alerts)
-
-
-def _gain_words(gain: float) -> str:
-    if gain < 0:
-        return "pushes the wrong way: its pulses are turned round"
-    return "pushes hardly or not at all" if gain == 0 else f"gives {100 * gain:.0f} % of its force"
 
 
 def _words(h: ThrustHypothesis, names: list[str]) -> str:

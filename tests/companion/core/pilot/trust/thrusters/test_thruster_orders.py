@@ -72,6 +72,21 @@ def test_a_boat_that_is_fetched_by_hand_holds_against_it_and_a_stop_changes_noth
     assert comes(ordered(ordered(crippled(), "stop"), "manual"), 20.0) == pytest.approx(B @ AHEAD, abs=2.0)
 
 
+def test_a_new_order_says_what_is_still_taken_for_granted():
+    health = ThrusterHealth((0.0, 1.0, -1.0, 0.4), (None, 0.0, None, None), (0, 3, 2, 1))
+    state = replace(MONITOR.initial, health=health)
+    _, report = MONITOR.on_message(state, OperatorCommand(t_ns=0, command="start"), 0)
+    (alert,) = report.alerts
+    assert alert.level == "warning" and alert.text == (
+        "as found before: thruster front_port pushes hardly or not at all; thruster rear_port pushes the wrong way: its"
+        " pulses are turned round; thruster rear_starboard gives 40 % of its force; thruster front_starboard counts as"
+        " switched off; thrusters front_starboard and rear_starboard get each other's pulses. Once repaired, restart"
+        " the boat's program"
+    )
+    for before, command in ((state, "stop"), (MONITOR.initial, "start")):
+        assert not MONITOR.on_message(before, OperatorCommand(t_ns=0, command=command), 0)[1].alerts
+
+
 def test_a_thruster_that_was_stuck_and_is_free_of_it_is_named_and_no_longer_held_against():
     stuck = replace(MONITOR.initial, health=ThrusterHealth((1.0,) * 4, (10.0, None, None, None), (0, 1, 2, 3)))
     state = driven(stuck, 0.0, 120, seed=6)

@@ -57,7 +57,7 @@ class _Meter:
     def __init__(self, entry: LogEntry):
         self.stats = TopicStats(entry.topic)
         self.first_ns = self.last_ns = entry.log_time_ns
-        self.next_sequence = entry.sequence
+        self.next_sequence = 0
 
     def add(self, entry: LogEntry) -> None:
         stats = self.stats

@@ -11,7 +11,7 @@ Where the recording paused nobody knows what was commanded: logs are cut there, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -22,7 +22,7 @@ from msgspec.structs import replace
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.fingerprint import fingerprint, overlap
 from companion.logs.runs.problems import dead_columns, held_rows
-from companion.logs.runs.run import LogProblem, Run, RunError
+from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 from companion.logs.runs.splits import HeldOut, Interval, alternate, length_s, parts, recording_intervals, tail
 from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, inside_edges
 
@@ -30,8 +30,10 @@ SHARE = 0.25
 LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
 """Assumed: a few of the hull's time constants to fit on; two open-loop runs of 10 s to be judged by."""
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
-DEAD_SENSOR, HELD_POSITIONS = "dead sensor", "held positions"
-"""Kind of the problem that columns are left out because they hold one value throughout."""
+DEAD_SENSOR, HELD_POSITIONS, OTHER_BOAT = "dead sensor", "held positions", "another boat"
+"""Kinds of problems: columns are left out that hold one value throughout, positions are used where they were new, logs
+state several boats.
+"""
 NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
 
 
@@ -91,6 +93,8 @@ def split(
         raise JobError("no log to fit")
     logs, held_out = [usable(log, vessel) for log in logs], [usable(log, vessel) for log in held_out]
     reject_overlap([*logs, *held_out])
+    boats = {log.run.meta.vessel for log in (*logs, *held_out)} - {RunMeta().vessel}
+    logs, held_out = [_of_boat(log, boats) for log in logs], [_of_boat(log, boats) for log in held_out]
     if held_out:
         used = [LogUse(_long(log, LEAST_FIT_S, "to fit"), (_all(log),), ()) for log in logs]
         used += [LogUse(_long(log, LEAST_HELD_OUT_S, "to be held out"), (), (_all(log),)) for log in held_out]
@@ -110,6 +114,15 @@ def split(
     fitted = [run for u in used for run in parts(u.log.run, u.fitted_s)]
     out = [HeldOut(u.log.run, None if u.held_out_s == (_all(u.log),) else u.held_out_s) for u in used if u.held_out_s]
     return Split(tuple(fitted), tuple(out), tuple(used), rule)
+
+
+def _of_boat(log: NamedLog, boats: Collection[str]) -> NamedLog:
+    """The log with a note where `boats`, which the logs state, are several, and it states one of them."""
+    if len(boats) < 2 or log.run.meta.vessel not in boats:
+        return log
+    others = ", ".join(sorted({*boats} - {log.run.meta.vessel}))
+    text = f"it states {log.run.meta.vessel}, others {others}: what differs between boats is fitted as if it were one's"
+    return NamedLog(log.name, log.run.with_notes([LogProblem(kind=OTHER_BOAT, text=text)]))
 
 
 def reject_overlap(logs: Sequence[NamedLog]) -> None:

@@ -8,6 +8,7 @@ import pytest
 from companion.core.messages import Tick
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.recover import recover
+from companion.logs.summary import summarise
 
 
 def head_lost(data: bytes) -> bytes:
@@ -70,6 +71,12 @@ def test_a_part_that_is_missing_is_told(drive_log, tmp_path):
     assert [tick.index for tick in log.messages(Tick)] == [index for index in whole if index not in own[1]]
     assert log.damage == [told] and log.lacks_after is not None
     assert recover(path, tmp_path / "sound.mcap").damage == [told]
+
+
+def test_messages_of_a_head_that_is_lost_are_missing(drive_log, tmp_path):
+    part = LogFile(alone(LogFile(drive_log(60.0, rotate_bytes=60_000)).paths[1], tmp_path))
+    (ticks,) = [topic for topic in summarise(part).topics if topic.topic == "/tick"]
+    assert ticks.missing == next(part.messages(Tick)).index > 0
 
 
 def alone(path, tmp_path):

@@ -9,10 +9,12 @@ import numpy as np
 from sim.fitting.diagnose.job import Diagnosis
 from sim.fitting.diagnose.selection.held_out import LEAST_BLOCKS, HeldOutScore, OpenLoopError
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
-from sim.fitting.engine.split import DEAD_SENSOR, HELD_POSITIONS
+from sim.fitting.engine.split import DEAD_SENSOR, HELD_POSITIONS, OTHER_BOAT
 
 SHOWN_S = 10
 ROUGH, QUIET_M_S2 = 2.0, 0.01  # latent acceleration of an unusable reference over the logs', or this; assumed
+TOLD = DEAD_SENSOR, HELD_POSITIONS, OTHER_BOAT
+"""Kinds of problems of the logs that stand beside the verdict; all are in the report."""
 WORTH = 0.1
 """Share of the held-out error below which other numbers are not worth another file; assumed."""
 WORDS = {
@@ -47,7 +49,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
             "another, or leave it out."
         )
     for log, problems in diagnosis.problems.items():
-        lines += [f"{log}: {p.text}." for p in problems if p.kind in (DEAD_SENSOR, HELD_POSITIONS)]
+        lines += [f"{log}: {p.text}." for p in problems if p.kind in TOLD]
     if diagnosis.identifiability is not None and diagnosis.identifiability.record.manoeuvre:
         lines.append(diagnosis.identifiability.record.manoeuvre)
     return [*lines, *diagnosis.wiring.open_lines]

@@ -1,6 +1,7 @@
-"""What a fit makes of positions that a table repeats. Seed 8."""
+"""What a fit makes of positions that a table repeats, and of logs of several boats. Seed 8."""
 
 import polars as pl
+from msgspec.structs import replace
 
 from companion.logs.runs.run import Run
 from sim.fitting.engine.split import NamedLog, split
@@ -26,3 +27,16 @@ def test_positions_that_are_held_until_the_next_are_used_where_they_were_new():
     )
     (used,) = split([NamedLog("a.csv", Run(resting, run.meta))], [], VESSEL).used
     assert used.log.run.table["north_m"].equals(resting["north_m"]) and not used.log.run.meta.notes
+
+
+def test_logs_that_state_several_boats_say_so():
+    def notes(*boats):
+        runs = [teleop_run(VESSEL, seed, 60.0) for seed in range(len(boats))]
+        logs = [NamedLog(f"{k}.csv", Run(r.table, replace(r.meta, vessel=boats[k]))) for k, r in enumerate(runs)]
+        return [
+            [n.text for n in use.log.run.meta.notes if n.kind == "another boat"] for use in split(logs, [], VESSEL).used
+        ]
+
+    one, other, unknown = notes("alba", "bora", "not stated")
+    assert one[0].startswith("it states alba, others bora") and other[0].startswith("it states bora, others alba")
+    assert not unknown and notes("alba", "alba", "not stated") == [[], [], []]

@@ -113,17 +113,17 @@ class ThrusterVerdicts:
         state = replace(state, probing=asks, doubted_ns=view.t_ns if view.suspect else state.doubted_ns)
         if nats[best] < SURE_NATS or state.bank.count < LEAST_TICKS:
             return state, report
-        if self._may_be_sensors(state, view, best):
-            return self._undecided(state, [kinds[k] for k in near[:2]], view, sensors=True)
         dead = [k for k in near if kinds[k].i == kinds[best].i and self._says_dead(state, k)]
         if best in dead:  # to give nothing of what is asked for, and to be stuck at nothing, is the same
             near = [k for k in near if k not in dead]
             best = min(k for k in dead if nats[k] >= SURE_NATS)  # gains stand before what sticks
         best, rivals = self._rivals(state, best, [k for k in near if k != best])
-        if rivals:
-            return self._undecided(state, [kinds[best], *rivals], view)
-        if not kinds[best].blames_thrust and (state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS):
+        may_be_waves = state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS
+        if not rivals and not kinds[best].blames_thrust and may_be_waves:
             return state, report
+        sensors = self._may_be_sensors(state, view, best)
+        if rivals or sensors:
+            return self._undecided(state, [kinds[best], *rivals], view, sensors=sensors)
         return self.found(state, int(best), view)
 
     def _may_be_sensors(self, state: ThrusterState, view: TickView, best: int) -> bool:

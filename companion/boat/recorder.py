@@ -35,8 +35,12 @@ ROTATE_BYTES = 64 * 1024 * 1024  # some 20 minutes: a file's index waits in memo
 REFUSED_NS = 1_000_000_000  # a message that was refused is a `problem` for so long; assumed
 OVER_NS = 10_000_000_000  # a problem that was gone for so long is over: a slow disk comes and goes; assumed
 MAX_QUEUED = 50_000  # messages; about 100 s of a disk that hangs, some 25 MB
-DISK_TROUBLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS})
-"""What a disk says that is full or breaks: no boat stays ashore for it. All else at the start is a path to correct."""
+DISK_TROUBLE = {
+    errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS, errno.EUCLEAN, errno.EBADMSG, errno.ETIMEDOUT, errno.ENODEV,
+    errno.ENXIO, errno.ESTALE,
+}  # fmt: skip
+"""What a disk says that is full, damaged or gone: no boat stays ashore for it. All else at the start is a path to
+correct."""
 INLINE_BATCH = 1_000  # messages between writes where there is no background thread
 
 
@@ -53,8 +57,8 @@ class _Stream:
 class Recorder:
     """One log being written. `record` and `record_raw` belong to one thread.
 
-    `metadata`: see `log_metadata`. `attachments`: file name -> content. `background=False` writes in the
-    caller's thread and waits for the disk: for stepped clocks that outrun any disk.
+    `metadata`: see `log_metadata`. `attachments`: file name -> content. `folder`: made where it is not there.
+    `background=False` writes in the caller's thread and waits for the disk: for stepped clocks that outrun it.
     Raises OSError where the first file cannot be created for another reason than `DISK_TROUBLE` (FileExistsError: a log
     is never overwritten).
     """
@@ -67,10 +71,11 @@ class Recorder:
         *,
         wall_offset_ns: int,
         attachments: Mapping[str, bytes] | None = None,
+        folder: Path | None = None,
         rotate_bytes: int = ROTATE_BYTES,
         background: bool = True,
     ):
-        self.path = path
+        self.path, self._folder = path, folder
         self.slowest_sync_s = 0.0
         self._now_ns = now_ns
         self._offset_ns = wall_offset_ns
@@ -236,6 +241,8 @@ class Recorder:
         """Next file, with metadata, attachments and the viewer's frame already on the disk."""
         now_ns = self._now_ns()
         wall_ns = max(now_ns + self._offset_ns, 0)
+        if self._folder:
+            self._folder.mkdir(parents=True, exist_ok=True)
         part = LogPart(part_path(self.path, self._number))
         try:
             part.add_metadata(METADATA_NAME, {**self._metadata, "part": str(self._number)})

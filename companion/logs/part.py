@@ -129,9 +129,13 @@ def log_parts(path: Path) -> tuple[Path, ...]:
 
 
 def _continuations(path: Path, stem: str, after: int) -> list[Path]:
-    """Parts of the log `stem` in the folder of `path` whose numbers are above `after`, in order."""
+    """Parts of the log `stem` in the folder of `path` whose numbers are above `after`, in order; none without one."""
     pattern = re.compile(rf"{re.escape(stem)}\.part(\d+){re.escape(path.suffix)}")
-    found = [(int(match[1]), other) for other in path.parent.iterdir() if (match := pattern.fullmatch(other.name))]
+    try:
+        beside = list(path.parent.iterdir())
+    except FileNotFoundError:
+        return []
+    found = [(int(match[1]), other) for other in beside if (match := pattern.fullmatch(other.name))]
     return [other for number, other in sorted(found) if number > after]
 
 

@@ -19,20 +19,21 @@ from companion.boat.clock import BoatClock
 from companion.boat.gcs_forward import GcsForward
 from companion.boat.load_run import RunSetup, load_setup, warnings
 from companion.boat.log_quota import MB, Swept, alerts, keep_within, new_log, sweep
-from companion.boat.recorder import DISK_TROUBLE, Recorder
+from companion.boat.recorder import Recorder
 from companion.boat.signing_key import STAMP_FILE, keep_timestamp
 from companion.boat.start_interlock import SWITCH_ON_S, StartInterlock, companion_of
 from companion.boat.systemd.notify import SdNotify
 from companion.boat.systemd.status import Service
 from companion.boat.uplink.uplink import Shore, shore_of
+from companion.cli.boat.progress import Progress
 from companion.cli.boat.run_console import RunConsole
 from companion.cli.boat.run_end import RunEnd
+from companion.cli.boat.terminal_writer import TerminalWriter
 from companion.cli.boat.wires import add_config, add_wires, devices_of_run, port_of, signing_of
 from companion.cli.interrupts import call_when_asked_to_end
 from companion.cli.options.files import excitation_file, mission_file
 from companion.cli.options.outputs import output, reason
 from companion.cli.options.values import seconds
-from companion.cli.progress import Progress
 from companion.core.configuration.tables import ConfigError
 from companion.core.control.nmpc import Actuation, Nmpc
 from companion.core.messages import Alert, Message, OperatorCommand
@@ -108,11 +109,8 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
     devices = devices_of_run(args, setup)
     station = _station(args, setup)
     shore = shore_of(setup, args.config)
-    try:
-        log, look = _log(args, setup)
-    except OSError as error:
-        print(f"aritra run: {args.config}: log.folder: {error}", file=sys.stderr)
-        return 1 if error.errno in DISK_TROUBLE else 2
+    folder = args.config.parent / setup.run.log.folder if setup.run.log.folder else Path()
+    log, look = _log(args, setup, folder)
     signing = signing_of(args, setup, log.parent / STAMP_FILE)
     vessel = setup.pilot.vessel.name
     print(f"configuration {setup.digest}: vessel {vessel}, site {setup.pilot.site.name}, log {log}", flush=True)
@@ -125,9 +123,11 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
             time.monotonic_ns,
             wall_offset_ns=time.time_ns() - time.monotonic_ns(),
             attachments={name: text.encode() for name, text in setup.files.items()},
+            folder=None if args.log else folder,
         )
     except OSError as error:
-        print(f"aritra run: {reason(error, log)}", file=sys.stderr)
+        key = "" if args.log else f"{args.config}: log.folder: "
+        print(f"aritra run: {key}{reason(error, log)}", file=sys.stderr)
         return 2
     if desk:
         desk.begins(log)
@@ -142,14 +142,9 @@ def run(args: argparse.Namespace, desk: RunConsole | None = None) -> int:
     return code
 
 
-def _log(args: argparse.Namespace, setup: RunSetup) -> tuple[Path, Callable[[], Swept] | None]:
-    """Path of the log, its folder made and within its quota; and the function that checks the quota again.
-
-    Raises OSError where the folder cannot be made.
-    """
+def _log(args: argparse.Namespace, setup: RunSetup, folder: Path) -> tuple[Path, Callable[[], Swept] | None]:
+    """Path of the log, the `folder` of logs within its quota; and the function that checks the quota again."""
     settings = setup.run.log
-    folder = args.config.parent / settings.folder if settings.folder else Path()
-    folder.mkdir(parents=True, exist_ok=True)
     log = args.log or new_log(folder, time.localtime())
     if settings.quota_MB is None:
         return log, None
@@ -188,7 +183,8 @@ async def _drive(
     desk: RunConsole | None,
 ) -> int:
     clock = BoatClock()
-    progress = desk or Progress(len(setup.pilot.mission.path.waypoints), sys.stdout)
+    screen = TerminalWriter(sys.stdout)
+    progress = desk or Progress(len(setup.pilot.mission.path.waypoints), screen)
     finish = RunEnd(args.end_after)
 
     def watch(message: Message) -> None:
@@ -249,6 +245,7 @@ async def _drive(
         ended = await asyncio.gather(*chores, return_exceptions=True)
         shore.close()
         progress.close()
+        screen.close()
     for error in ended:
         if isinstance(error, Exception):
             raise error

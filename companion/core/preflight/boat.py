@@ -249,7 +249,8 @@ def disk_rows(observed: Observations) -> Iterator[Row]:
         yield Row(
             area="disk", name="log folder", level="refuse", found=f"{d.folder}: {d.problem}",
             needed="a folder to write to",
-            why="`aritra run` does not start without a log", fix="log.folder of the run file; its owner and rights",
+            why="a wrong path ends a run, and where the disk is full or broken it leaves no log",
+            fix="log.folder of the run file; its owner and rights",
         )  # fmt: skip
         return
     short = d.quota_bytes is not None and d.quota_bytes - d.used_bytes > d.free_bytes

@@ -11,6 +11,8 @@ from companion.core.preflight.wiring import Companion, Wiring
 
 IGNORE_OVERRIDES, ONLY_GCS = 2, 1
 """Bits of RC_OPTIONS and of MAV_OPTIONS (reference)."""
+TIMEOUTS_S = {"FS_TIMEOUT": (1.5, 5.0), "FS_GCS_TIMEOUT": (5.0, 10.0)}
+"""What the parameter files set (5 is ArduPilot's default of both), and what is long; assumed."""
 LONGEST_OVERRIDE_S, GOOD_OVERRIDE_S = 3.0, 0.7
 """RC_OVERRIDE_TIME: ArduPilot's default, and what is worth having (assumed: the boat is neutral within 0.7 s)."""
 
@@ -35,6 +37,12 @@ def failsafes(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]
     value = p.get("FS_GCS_ENABLE")
     why = "the second line: it acts when system SYSID_MYGCS, the companion, has been silent for FS_GCS_TIMEOUT"
     yield row("FS_GCS_ENABLE", "ok" if value else "warning", number(value), "1", why, "" if value else "set it to 1")
+    for name, (recommended_s, longest_s) in TIMEOUTS_S.items():
+        if (value := p.get(name)) is not None:
+            late = not 0 < value <= longest_s
+            why = "so long [s] a companion that comes back drives on as if nothing had been: FS_ACTION waits for it"
+            fix = f"set it to {recommended_s:g}" if late else ""
+            yield row(name, "warning" if late else "ok", number(value), f"{recommended_s:g}", why, fix)
 
 
 def overrides(p: ParameterSet, w: Wiring, companion: Companion) -> Iterator[Row]:

@@ -5,6 +5,7 @@ import os
 import subprocess
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -47,6 +48,32 @@ def test_a_disk_error_is_told_counted_and_survived(tmp_path, step_clock, monkeyp
     assert recorder.lost == 1
     # The failed batch had reached the file when fsync failed; whether it is kept is the disk's choice.
     assert [index for index in ticks(LogFile(path)) if index != 1] == [0, 2]
+
+
+@pytest.mark.parametrize("code", [errno.EROFS, errno.ENOSPC, errno.EUCLEAN, errno.ENODEV])
+def test_a_folder_that_cannot_be_made_yet_keeps_no_boat_ashore(tmp_path, step_clock, monkeypatch, code):
+    """A disk that did not mount, or is read-only after a power cut, at the first start of a boat."""
+    folder = tmp_path / "not" / "there"
+
+    def refuse(self, *_, **__):
+        raise OSError(code, os.strerror(code), str(self))
+
+    with monkeypatch.context() as broken:
+        broken.setattr(Path, "mkdir", refuse)
+        recorder = make(folder / "log.mcap", step_clock, background=False, folder=folder)
+        assert recorder.problem is not None and os.strerror(code) in recorder.problem
+    recorder.record(Tick(t_ns=1, index=0))
+    step_clock.t_ns += int(recorder_module.RETRY_S * 1e9)
+    recorder.sync()
+    recorder.close()
+    assert ticks(LogFile(folder / "log.mcap")) == [0]
+
+
+def test_a_folder_that_nobody_may_make_is_a_path_to_correct(tmp_path, step_clock, monkeypatch):
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "file" / "logs", tmp_path / "file"):
+        with pytest.raises((NotADirectoryError, FileExistsError)):
+            make(folder / "log.mcap", step_clock, folder=folder)
 
 
 def test_what_cannot_be_written_is_said_though_the_disk_is_written_to_at_once(tmp_path, step_clock):

@@ -37,6 +37,8 @@ def test_the_recommended_wiring_is_all_in_order():
         ("FS_THR_VALUE", 1400.0, "FS_THR_VALUE", "warning"),
         ("FS_ACTION", 0.0, "FS_ACTION", "warning"),
         ("FS_GCS_ENABLE", 0.0, "FS_GCS_ENABLE", "warning"),
+        ("FS_TIMEOUT", 100.0, "FS_TIMEOUT", "warning"),
+        ("FS_GCS_TIMEOUT", 600.0, "FS_GCS_TIMEOUT", "warning"),
         ("RC_OVERRIDE_TIME", -1.0, "RC_OVERRIDE_TIME", "refuse"),
         ("RC_OVERRIDE_TIME", 0.0, "RC_OVERRIDE_TIME", "refuse"),
         ("RC_OVERRIDE_TIME", 0.1, "RC_OVERRIDE_TIME", "warning"),

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.cli.progress import COLUMNS, Progress
+from companion.cli.boat.progress import COLUMNS, Progress
 from companion.core.messages import Alert, ExcitationStatus, GuidanceReference, LoopTiming, OverrideLease, StateEstimate
 
 S = 1_000_000_000

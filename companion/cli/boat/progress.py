@@ -6,6 +6,7 @@ import contextlib
 import shutil
 from typing import TextIO
 
+from companion.cli.boat.terminal_writer import TerminalWriter
 from companion.core.messages import (
     Alert,
     ExcitationStatus,
@@ -26,7 +27,7 @@ COLUMNS = 79
 class Progress:
     """Feed it every message; it prints at its own pace. `waypoints`: how many there are to pass."""
 
-    def __init__(self, waypoints: int, out: TextIO):
+    def __init__(self, waypoints: int, out: TextIO | TerminalWriter):
         self._waypoints, self._out = waypoints, out
         self._live = out.isatty()
         self._period_ns = TERMINAL_NS if self._live else PLAIN_NS

@@ -73,7 +73,8 @@ def simulate(
     before_us   what was sent before, (b, n) or (m, b, n), for the dead time (rounded up to samples); None: 1500
     voltage_v   number, (k,), (m, 1) or (m, k); None: the file's nominal one. Without load, unless `loaded`: as it
                 reaches the ESCs
-    parameters  numbers of the vessel file by path (`parameters_of`), each a number or (m,), in place of its own
+    parameters  numbers of the vessel file by path (`parameters_of`), each a number or (m,), in place of its own; what
+                `around` says stands above the file's own current and wind, a thruster's own lag above propulsion's
     substeps    of Runge-Kutta in each sample
     machine_code  False: CasADi's interpreter, as where there is no machine code; equal to round-off
 

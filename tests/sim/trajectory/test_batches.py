@@ -53,6 +53,19 @@ def test_a_number_as_parameter_is_that_number_in_the_file():
     assert moved.x == pytest.approx(simulate(extended(), START, pulses(300), DT).x, rel=1e-10, abs=1e-11)
 
 
+def test_numbers_of_the_file_count_in_wind_that_is_given_too():
+    def boat(**wind):
+        return replace(VESSEL, terms={"wind": {"V_w_m_s": 3.0, "beta_w_deg": 20.0, **wind}})
+
+    def moved(vessel, **parameters):
+        around = Surroundings(V_w_m_s=5.0, beta_w_deg=80.0)
+        return simulate(vessel, START, pulses(300), DT, around=around, parameters=parameters).x
+
+    told = moved(boat(), **{"terms.wind.c_y": 2.0})
+    assert told == pytest.approx(moved(boat(c_y=2.0)), rel=1e-10, abs=1e-11)
+    assert not np.allclose(told, moved(boat()))
+
+
 def test_a_second_call_goes_on_where_the_first_ended_bit_for_bit():
     pwm = pulses(400)
     whole = simulate(VESSEL, START, pwm, DT)

@@ -1,8 +1,8 @@
 """Water that flows over ground, steadily or turning: nu_c = R(psi)^T V_c [cos beta, sin beta], beta = beta_c + turn t.
 
-t counts from the beginning: of the log (the first of several), or of the simulation. As in Fossen (2011), section 8.1.3,
-the water's own acceleration is left out (V_c is taken as constant at each instant): a free boat in water of 0.3 m/s that
-turns by 1 deg/s slips through it by 0.04 m/s.
+t counts from the beginning: of the log (the first of several), or of the simulation. The water's own acceleration is
+left out, as of an irrotational current that is constant (Fossen 2011, section 8.3): a free boat in water of 0.3 m/s
+that turns by 1 deg/s slips through it by 0.04 m/s.
 """
 
 from __future__ import annotations

@@ -82,35 +82,48 @@ base() { # base PYTHON: which installation it is, or nothing
     "$1" -c 'import sys; print(sys.base_prefix, sys.version)' 2>/dev/null || true
 }
 
-find_python() {
-    local candidate place
-    for candidate in ${python:-python3 python3.13 python3.12 python3.11}; do
-        if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
-            "$candidate" -c 'import ensurepip, venv' 2>/dev/null ||
-                die "$candidate has no venv: install its venv package (Debian, Ubuntu: $candidate-venv)"
-            place=$("$candidate" -c 'import sys; print(sys.base_prefix)')
-            case $root:$place in
-                :/home/* | :/root/*)
-                    die "$candidate lies in $place, which the service may not read; take one from /usr or /opt: --python" ;;
-            esac
-            python=$candidate
-            return
+sound() { # sound STAMP: is the environment made to its end, and does its Python find what is in it?
+    [ -e "$1" ] && "$program/bin/python" -m pip --version >/dev/null 2>&1
+}
+
+find_python() { # the first that serves; where none does, what keeps the first from it
+    local candidate place why='' candidates=("$python")
+    [ -n "$named" ] || candidates=(python3 python3.13 python3.12 python3.11)
+    for candidate in "${candidates[@]}"; do
+        "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || continue
+        if ! "$candidate" -c 'import ensurepip, venv' 2>/dev/null; then
+            why=${why:-"$candidate has no venv: install its venv package (Debian, Ubuntu: $candidate-venv)"}
+            continue
         fi
+        place=$("$candidate" -c 'import sys; print(sys.base_prefix)')
+        case $root:$place in
+            :/home/* | :/root/*)
+                why=${why:-"$candidate lies in $place, which the service may not read; take one from /usr or /opt: --python"}
+                continue ;;
+        esac
+        python=$candidate
+        return
     done
-    die "no Python 3.11 or newer found${python:+: $python is none}. Ubuntu 22.04, JetPack 6: apt install python3.11 python3.11-venv;
-elsewhere: UV_PYTHON_INSTALL_DIR=/opt/python uv python install 3.12, and say --python (docs/service.md)"
+    die "${why:-"no Python 3.11 or newer found${named:+: $python is none}. Ubuntu 22.04, JetPack 6: apt install python3.11 python3.11-venv;
+elsewhere: UV_PYTHON_INSTALL_DIR=/opt/python uv python install 3.12, and say --python (docs/service.md)"}"
 }
 
 # --- the three jobs ---------------------------------------------------------------------------------
 
 install_program() {
-    local lock=$source/requirements.lock stamp=$program/requirements.sha256 sum
+    # The stamp says which packages are in the environment; without, it was not made to its end; empty: not known.
+    local lock=$source/requirements.lock stamp=$program/requirements.sha256 sum there
     sum=$(sha256sum <"$lock")
-    if ! "$program/bin/python" -c '' 2>/dev/null ||
-        { [ -n "$named" ] && [ "$(base "$program/bin/python")" != "$(base "$python")" ]; }; then
+    there=$(cat "$stamp" 2>/dev/null || true)
+    [ -z "$named" ] || find_python
+    if ! sound "$stamp" || { [ -n "$named" ] && [ "$(base "$program/bin/python")" != "$(base "$python")" ]; }; then
+        [ -n "$named" ] || find_python
+        there=''
+        [ ! -e "$stamp" ] || run rm "$stamp"
         run "$python" -m venv --clear "$program"
     fi
-    if [ "$(cat "$stamp" 2>/dev/null)" != "$sum" ]; then
+    if [ "$there" != "$sum" ]; then
+        [ -n "$dry_run" ] || : >"$stamp"
         run "$program/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r "$lock"
         [ -n "$dry_run" ] || echo "$sum" >"$stamp"
     fi
@@ -177,7 +190,6 @@ if [ -z "$root" ]; then
             die "aritra.service is running; bring the boat to rest, then: sudo systemctl stop aritra" ;;
     esac
 fi
-find_python
 install_program
 install_service
 if [ -n "$dry_run" ]; then

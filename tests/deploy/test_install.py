@@ -3,7 +3,6 @@
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,69 +11,6 @@ from companion.boat.load_run import load_setup
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "deploy" / "install.sh"
-PYTHON = """#!/bin/sh
-echo "$@" >> "{notes}"
-case "$1 $2" in
-  "-c import sys; print(sys.base_prefix)") echo /usr ;;
-  "-c import sys"*) exec {python} "$@" ;;
-  "-m venv") mkdir -p "$4/bin"; cp "$0" "$4/bin/python"; touch "$4/pyvenv.cfg" ;;
-  "-m pip") [ ! -e "{notes}.fail" ] || exit 1 ;;
-esac
-"""
-FORBIDDEN = ["chown", "chgrp", "groupadd", "useradd", "udevadm"]
-
-
-@pytest.fixture
-def bench(tmp_path):
-    return Bench(tmp_path)
-
-
-class Bench:
-    """`root`: where it installs. `notes`: what Python was asked. Programs that need root fail when called."""
-
-    def __init__(self, folder):
-        self.root, self.stubs, self.notes = folder / "root", folder / "stubs", folder / "notes"
-        self.stubs.mkdir()
-        for name in FORBIDDEN:
-            self.stub(name, 'echo "$0 $@ was called" >&2; exit 99')
-        self.systemctl()
-        self.python = self.stub("python-that-notes", PYTHON.format(notes=self.notes, python=sys.executable))
-
-    def stub(self, name, text):
-        path = self.stubs / name
-        path.write_text(text if text.startswith("#!") else f"#!/bin/sh\n{text}\n")
-        path.chmod(0o755)
-        return path
-
-    def systemctl(self, state=""):
-        """One that answers is-active with `state`; without, any call fails."""
-        answer = f'[ "$1" = is-active ] && echo {state}' if state else 'echo "$0 $@ was called" >&2; exit 99'
-        self.stub("systemctl", answer)
-
-    def run(self, *words, root=True, python=True, script=SCRIPT):
-        command = [str(script), *words]
-        command += ["--root", str(self.root)] if root else []
-        command += ["--python", str(self.python)] if python else []
-        env = {**os.environ, "PATH": f"{self.stubs}:{os.environ['PATH']}"}
-        return subprocess.run(command, capture_output=True, text=True, env=env, timeout=60, check=False)
-
-    def installed(self, *words, script=SCRIPT):
-        done = self.run(*words, script=script)
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert done.stderr == ""
-        return done.stdout
-
-    def asked(self):
-        """What the environment's Python was asked to install."""
-        lines = self.notes.read_text().splitlines() if self.notes.exists() else []
-        return [line for line in lines if line.startswith("-m")]
-
-    def tree(self):
-        """Path -> (mode, content) of everything."""
-        return {
-            str(p.relative_to(self.root)): (p.stat().st_mode & 0o7777, p.read_bytes() if p.is_file() else None)
-            for p in self.root.rglob("*")
-        }
 
 
 def test_a_dry_run_changes_nothing(bench):
@@ -128,19 +64,6 @@ def test_from_a_stick_without_modes_of_files_it_installs_the_same(bench, tmp_pat
     bench.root = tmp_path / "second"
     bench.installed(script=stick / "deploy/install.sh")
     assert {path for path in bench.tree() if path.startswith("etc/aritra")} == expected
-
-
-def test_another_python_that_is_named_gets_a_new_environment(bench):
-    bench.installed()
-    asked = len(bench.asked())
-    head, rest = PYTHON.split('  "-c import sys"*')
-    other = f'{head}  "-c import sys; print(sys.base_prefix, sys.version)") echo another ;;\n  "-c import sys"*{rest}'
-    bench.python = bench.stub("another-python", other.format(notes=bench.notes, python=sys.executable))
-    for expected in (1, 0):
-        bench.installed()
-        made = bench.asked()[asked:].count(f"-m venv --clear {bench.root}/opt/aritra")
-        assert made == expected, "once: then it is the one that is there"
-        asked = len(bench.asked())
 
 
 def test_a_second_run_changes_nothing_but_the_program(bench):
@@ -200,16 +123,6 @@ def test_on_a_system_keys_are_the_service_s(bench):
     assert "zenoh/boat.json5 /etc/aritra/zenoh/boat.json5" in plan
 
 
-def test_an_interrupted_installation_is_taken_up_again(bench):
-    failing = Path(f"{bench.notes}.fail")
-    failing.touch()
-    assert bench.run().returncode == 1, "pip failed"
-    assert not (bench.root / "etc/systemd/system/aritra.service").exists(), "the unit comes last"
-    failing.unlink()
-    bench.installed()
-    assert [line.count("--require-hashes") for line in bench.asked()] == [0, 1, 1, 0]
-
-
 def test_uninstall_keeps_configuration_and_logs(bench):
     bench.installed()
     log = bench.root / "var/lib/aritra/logs/aritra-20260101-000000.mcap"
@@ -264,29 +177,6 @@ def test_a_boat_that_runs_is_left_alone(bench, state):
 def test_bad_input_is_named(bench, words, told):
     done = bench.run(*words, root=False, python=False)
     assert done.returncode == 2 and told in done.stderr
-
-
-def test_an_old_python_is_refused(bench):
-    bench.python = bench.stub("python-old", "exit 1")
-    done = bench.run()
-    assert done.returncode == 2 and "is none" in done.stderr and not bench.root.exists()
-
-
-def test_where_python_is_too_old_it_says_what_to_do(bench):
-    for name in ("python3", "python3.11", "python3.12", "python3.13"):
-        bench.stub(name, "exit 1")
-    done = bench.run(python=False)
-    assert done.returncode == 2 and not bench.root.exists()
-    assert "apt install python3.11 python3.11-venv" in done.stderr and "uv python install" in done.stderr
-
-
-@pytest.mark.parametrize("home", ["/home/somebody/.local", "/root/.pyenv"])
-def test_a_python_in_a_home_is_refused_where_it_would_serve(bench, home):
-    """The unit has ProtectHome=yes: it would install, and never start."""
-    bench.systemctl("inactive")
-    bench.python = bench.stub("python-home", f'case "$2" in *base_prefix*) echo {home};; esac')
-    done = bench.run("--dry-run", root=False)
-    assert done.returncode == 2 and f"lies in {home}, which the service may not read" in done.stderr
 
 
 def test_the_script_is_sound_shell():

@@ -56,9 +56,9 @@ on_system() { # only where this is the running system, not a folder
     [ -n "$root" ] || run "$@"
 }
 
-folder() { # folder MODE GROUP PATH
+folder() { # folder MODE OWNER:GROUP PATH
     [ -d "$3" ] || run mkdir -p "$3"
-    on_system chown "root:$2" "$3"
+    on_system chown "$2" "$3"
     [ "$(stat -c %a "$3" 2>/dev/null)" = "$1" ] || run chmod "$1" "$3"
 }
 
@@ -140,8 +140,11 @@ install_service() {
         getent group aritra >/dev/null || run groupadd --system aritra
         getent passwd aritra >/dev/null ||
             run useradd --system --gid aritra --home-dir /var/lib/aritra --shell /usr/sbin/nologin aritra
+        # As the unit gives it, for runs by hand: serial devices, and a folder for logs.
+        id -nG aritra 2>/dev/null | grep -qw dialout || run usermod -aG dialout aritra
     fi
-    folder 750 aritra "$config"
+    folder 750 aritra:aritra "$state"
+    folder 750 root:aritra "$config"
     offer "$source/deploy/on-board.toml" "$config/aritra.toml"
     while IFS= read -r file; do
         offer "$source/deploy/$file" "$config/$file"

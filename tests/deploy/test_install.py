@@ -41,6 +41,7 @@ def test_it_installs_everything_in_its_place(bench):
     assert {mode for path, (mode, content) in tree.items() if path.startswith("etc/aritra") and content} == {0o640}
     assert {mode for path, (mode, content) in tree.items() if path.startswith("etc/aritra") and not content} == {0o750}
     assert {tree[f"opt/aritra/share/aritra/zenoh/{name}"][0] for name in ("make-certificates", "router.py")} == {0o755}
+    assert tree["var/lib/aritra"] == (0o750, None), "for runs by hand, before the unit ran"
     assert not [path for path in tree if path.endswith(".key")]
     assert all(mode & 0o005 for path, (mode, _) in tree.items() if path.startswith(("opt", "etc/systemd", "etc/udev")))
 
@@ -155,8 +156,19 @@ def test_on_a_system_it_makes_user_and_reloads_but_starts_nothing(bench):
     assert done.returncode == 0, done.stderr
     plan = [line.removeprefix("+ ") for line in done.stdout.splitlines() if line.startswith("+ ")]
     assert any(line.startswith("useradd --system --gid aritra") for line in plan)
+    assert plan.index("usermod -aG dialout aritra") > [line.split()[0] for line in plan].index("useradd")
+    assert "chown aritra:aritra /var/lib/aritra" in plan and "chown root:aritra /etc/aritra" in plan
     assert "systemctl daemon-reload" in plan and "udevadm control --reload" in plan
     assert not any(line.startswith(("systemctl start", "systemctl enable", "systemctl restart")) for line in plan)
+
+
+@pytest.mark.parametrize(("groups", "joins"), [("aritra", True), ("aritra dialout", False)])
+def test_a_user_that_is_there_may_open_serial_devices_too(bench, groups, joins):
+    bench.systemctl("inactive")
+    bench.stub("getent", "exit 0")
+    bench.stub("id", f"echo {groups}")
+    plan = bench.run("--dry-run", root=False).stdout
+    assert ("+ usermod -aG dialout aritra" in plan) == joins and "+ useradd" not in plan
 
 
 @pytest.mark.parametrize("state", ["active", "activating", "deactivating"])

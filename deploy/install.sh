@@ -70,11 +70,13 @@ tool() { # tool SOURCE TARGET: as put, and it may be run
     cmp -s "$1" "$2" || run install -D -m 0755 "$1" "$2"
 }
 
-offer() { # offer SOURCE TARGET: only where there is none; what a person edited stays
-    if [ -e "$2" ]; then
+offer() { # offer SOURCE TARGET: only where there is none, or an empty one; what a person edited stays
+    if [ -s "$2" ]; then
         cmp -s "$1" "$2" || echo "kept: $2"
-    else
-        run install -D -m 0640 "$1" "$2"
+    else # whole or not at all, whatever comes between: what is there is never written again
+        run install -D -m 0640 "$1" "$2.new"
+        run sync "$2.new"
+        run mv "$2.new" "$2"
     fi
 }
 

@@ -91,6 +91,28 @@ def test_what_a_person_edited_stays(bench):
     ).read_text()
 
 
+def test_configuration_is_there_whole_or_not_at_all(bench):
+    """A disk that is full, or a power cut: install leaves half of a file, and the next run mends it."""
+    copy = shutil.which("install") + ' "$@"; for target; do :; done'
+    half = bench.stub("install", f'{copy}; case "$target" in */etc/*) echo half > "$target"; exit 1;; esac')
+    mine = bench.root / "etc/aritra/aritra.toml"
+    assert bench.run().returncode == 1 and not mine.exists()
+    half.unlink()
+    bench.installed()
+    assert mine.read_bytes() == (SCRIPT.parent / "on-board.toml").read_bytes()
+    assert not [path for path in bench.tree() if path.endswith(".new")]
+
+
+def test_an_empty_file_of_configuration_is_as_none(bench):
+    """As a power cut left it that came before the disk had its content."""
+    bench.installed()
+    mine, site = bench.root / "etc/aritra/aritra.toml", bench.root / "etc/aritra/sites/basin.toml"
+    mine.write_text("# mine\n")
+    site.write_text("")
+    bench.installed()
+    assert site.read_bytes() == (SCRIPT.parent / "sites/basin.toml").read_bytes() and mine.read_text() == "# mine\n"
+
+
 def test_keys_stay_with_their_owner_and_what_others_could_read_is_taken_from_them(bench):
     bench.installed()
     config = bench.root / "etc/aritra"

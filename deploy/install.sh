@@ -2,6 +2,7 @@
 # Installs Aritra as a systemd service from this checkout; may be run again at any time. See docs/service.md.
 set -euo pipefail
 umask 022
+unset CDPATH # with it, cd may go elsewhere, and print where
 
 usage() {
     cat <<'END'
@@ -136,8 +137,15 @@ install_program() {
     tool "$source/deploy/zenoh/router.py" "$program/share/aritra/zenoh/router.py"
 }
 
-install_service() {
+offer_configuration() {
     local file
+    offer "$source/deploy/on-board.toml" "$config/aritra.toml"
+    while IFS= read -r file; do
+        offer "$source/deploy/$file" "$config/$file"
+    done < <(cd "$source/deploy" && find boats sites missions excitations zenoh -type f ! -name '*.py' ! -name make-certificates | sort)
+}
+
+install_service() {
     if [ -z "$root" ]; then
         getent group aritra >/dev/null || run groupadd --system aritra
         getent passwd aritra >/dev/null ||
@@ -147,10 +155,11 @@ install_service() {
     fi
     folder 750 aritra:aritra "$state"
     folder 750 root:aritra "$config"
-    offer "$source/deploy/on-board.toml" "$config/aritra.toml"
-    while IFS= read -r file; do
-        offer "$source/deploy/$file" "$config/$file"
-    done < <(cd "$source/deploy" && find boats sites missions excitations zenoh -type f ! -name '*.py' ! -name make-certificates | sort)
+    if [ -n "$dry_run" ] && [ -d "$config" ] && [ ! -x "$config" ]; then
+        echo "cannot look into $config: what would be written there, sudo $0 --dry-run tells"
+    else
+        offer_configuration
+    fi
     on_system chgrp -R aritra "$config"
     run chmod -R g-w,o= "$config"
     run find "$config" -user root ! -type l ! -name '*.key' -exec chmod g+rX {} +
@@ -158,18 +167,23 @@ install_service() {
     run find "$config" -type f -name '*.key' -exec chmod 600 {} +
     on_system find "$config" -type f -name '*.key' -exec chown aritra {} +
     put "$source/deploy/aritra.service" "$unit"
+    [ ! -d "$unit.d" ] || echo "kept: $unit.d, which changes the unit: systemctl cat aritra"
     put "$source/deploy/udev/70-aritra.rules" "$rules"
     reload
 }
 
 remove() {
+    local kept=("$config" "$state") more
+    for more in "$unit.d" "$root/var/cache/aritra"; do
+        [ ! -e "$more" ] || kept+=("$more")
+    done
     [ ! -e "$unit" ] || on_system systemctl disable --now aritra.service
     [ ! -e "$unit" ] || run rm -f "$unit"
     [ ! -e "$rules" ] || run rm -f "$rules"
     [ ! -f "$program/pyvenv.cfg" ] || run rm -rf "$program"
     reload
-    echo "kept: $config, $state, user and group aritra. To remove them, too:"
-    echo "  rm -r $config $state; userdel aritra"
+    echo "kept: $(printf '%s, ' "${kept[@]}")user and group aritra. To remove them, too:"
+    echo "  rm -r ${kept[*]}; userdel aritra"
 }
 
 reload() {

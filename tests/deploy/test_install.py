@@ -19,6 +19,26 @@ def test_a_dry_run_changes_nothing(bench):
     assert "-m venv" in told and "aritra.service" in told and "nothing was changed" in told
 
 
+def test_a_dry_run_that_may_not_look_into_the_configuration_says_so(bench):
+    """The folder has mode 750: a person without the group aritra sees nothing of it."""
+    bench.installed()
+    config = bench.root / "etc/aritra"
+    (config / "aritra.toml").write_text("# mine\n")
+    within = ()
+    if os.getuid() == 0:  # root looks everywhere, unless it lets go of that
+        within = (shutil.which("setpriv") or pytest.skip("no setpriv"), "--bounding-set=-dac_override,-dac_read_search")
+    config.chmod(0)
+    done = bench.run("--dry-run", within=within)
+    config.chmod(0o750)
+    assert done.returncode == 0, done.stderr
+    assert f"cannot look into {config}" in done.stdout and "sudo" in done.stdout and "aritra.toml" not in done.stdout
+
+
+def test_from_wherever_cd_may_go_it_finds_its_checkout(bench):
+    done = bench.run(script=SCRIPT.relative_to(ROOT), CDPATH=str(ROOT))
+    assert done.returncode == 0, done.stderr
+
+
 def test_it_installs_everything_in_its_place(bench):
     bench.installed()
     for target, source in [
@@ -161,6 +181,17 @@ def test_uninstall_keeps_configuration_and_logs(bench):
     assert "kept:" in told and log.exists() and not (bench.root / "opt/aritra").exists()
     done = bench.run("--uninstall")
     assert done.returncode == 2 and "nothing to remove" in done.stderr
+
+
+def test_changes_to_the_unit_and_the_cache_are_told_where_they_are_there(bench):
+    bench.installed()
+    changes, cache = bench.root / "etc/systemd/system/aritra.service.d", bench.root / "var/cache/aritra"
+    assert not any(str(path) in bench.installed() for path in (changes, cache))
+    for path in (changes, cache):
+        path.mkdir(parents=True)
+    assert f"kept: {changes}, which changes the unit" in bench.installed()
+    kept, words = bench.installed("--uninstall").splitlines()[-2:]
+    assert kept.startswith("kept:") and all(f"{path}, " in kept and str(path) in words for path in (changes, cache))
 
 
 def test_uninstall_removes_no_folder_that_is_not_an_environment(bench):

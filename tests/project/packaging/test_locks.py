@@ -71,3 +71,15 @@ def test_what_cannot_be_installed_is_refused_before_anything_is_touched(words, p
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=20, check=False)
     assert done.returncode == 2 and said in done.stderr
     assert before == ((ROOT / ".venv").stat().st_mtime_ns if (ROOT / ".venv").exists() else None)
+
+
+def test_from_wherever_cd_may_go_it_installs_its_own_checkout(tmp_path):
+    (tmp_path / "scripts").mkdir()
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\npwd >&2\nexit 1\n")
+    python.chmod(0o755)
+    env = {**os.environ, "PYTHON": str(python), "CDPATH": str(tmp_path)}
+    done = subprocess.run(
+        ["scripts/install", "demo"], cwd=ROOT, env=env, capture_output=True, text=True, timeout=20, check=False
+    )
+    assert done.returncode == 2 and done.stderr.splitlines()[0] == str(ROOT)

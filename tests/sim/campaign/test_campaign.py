@@ -117,6 +117,16 @@ def test_ctrl_c_while_a_line_is_put_on_disk_leaves_no_case_out_of_the_tables(tmp
         assert len(calls) >= 4 and set(done.results["case"]) == set(kept.outcomes) and len(kept.outcomes) == 3
 
 
+def test_a_report_that_cannot_be_made_costs_no_table(tmp_path, monkeypatch):
+    def broken(*args) -> str:
+        raise ValueError("of a picture")
+
+    monkeypatch.setattr(campaign, "summary", broken)
+    with pytest.raises(ValueError, match="of a picture"):
+        call(tmp_path / "out", campaign_file(tmp_path), pretend())
+    assert pl.read_parquet(tmp_path / "out" / "results.parquet").height == 8
+
+
 @pytest.mark.parametrize("keep", range(1, 120, 7))
 def test_a_journal_cut_anywhere_goes_on(tmp_path, keep):
     path, out = campaign_file(tmp_path), tmp_path / "out"

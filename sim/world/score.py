@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.geometry.frames import ssa
+from companion.core.guidance.missions.draft import Mission
 from companion.core.messages import GroundTruth, GuidanceReference, StateEstimate
 
 CORNER_M = 1.5  # a boat's length: where the course is rounded, "on the leg" means nothing
@@ -65,8 +66,14 @@ def tracking(track: TrueTrack, points: np.ndarray) -> dict[str, float]:
     }
 
 
+def end_heading(mission: Mission) -> float:
+    """Heading to hold at the end [rad]: the mission's, else the last leg's; NaN where there is neither."""
+    wanted, legs = mission.end_heading_rad, mission.path.angles_rad
+    return wanted if wanted is not None else (legs[-1] if legs else math.nan)
+
+
 def station(track: TrueTrack, pose: Sequence[float], over_s: float = SETTLED_S) -> dict[str, float]:
-    """Largest position [m] and heading error [deg] of the truth over the last `over_s`."""
+    """Largest position [m] and heading error [deg] of the truth over the last `over_s`; NaN where `pose` has NaN."""
     last = track.t_s >= track.t_s[-1] - over_s
     away = np.linalg.norm(track.truth[last, :2] - np.asarray(pose[:2]), axis=1)
     turn = [abs(ssa(float(psi) - pose[2])) for psi in track.truth[last, 2]]

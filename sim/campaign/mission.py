@@ -74,13 +74,13 @@ def unleased(ticks: list[int], leases: list[int]) -> bool:
 
 
 def judged(track: TrueTrack, settings: PilotSettings, station_s: float | None) -> dict[str, Figure]:
-    """Tracking, station over the last `station_s` (None: it never kept one) and estimate."""
+    """Tracking, station over the last `station_s` (None: it never came to it; boats that drift keep none), estimate."""
     if not len(track.t_s):
         return dict.fromkeys(("farthest_m", *JUDGED))
     points = np.array(settings.mission.path.points)
     away = np.linalg.norm(track.truth[:, None, :2] - points, axis=2).min(axis=0)
     known: Mapping[str, float] = tracking(track, points) | estimation(track)
-    if station_s is not None:
+    if station_s is not None and settings.guidance.end == "station":
         known = known | station(track, (*points[-1], end_heading(settings.mission)), station_s)
     figures: dict[str, Figure] = {"farthest_m": float(away.max())}
     return figures | {name: known.get(name) for name in JUDGED}

@@ -123,7 +123,7 @@ def _state(campaign: Campaign, cases: Sequence[Case], outcomes: Mapping[str, Cas
     if campaign.kind == "missions" and done:
         ended = sum(o.figures["finished"] is True for o in done)
         missed = sum(o.figures["waypoints_missed"] != 0 for o in done)
-        lines.append(f"{ended} missions ended on station in time; in {missed} a waypoint was missed.")
+        lines.append(f"{ended} missions ended in time; in {missed} a waypoint was missed.")
     return Section("What was run", tuple(lines), look=bool(failed) or len(ran) < len(cases))
 
 

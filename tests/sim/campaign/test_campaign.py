@@ -179,7 +179,7 @@ def test_the_page_stands_alone_and_says_what_it_rests_on(tmp_path):
     page = call(tmp_path / "out", path, pretend()).page
     assert not re.search(r"https?://|<script|<link|@import", page)
     assert page.count("data:image/png;base64,") == 1
-    for words in ("24 missions ended on station", "V_c_m_s 0.0", "V_c_m_s 0.1", "leg.toml", "[draw]", "for tests"):
+    for words in ("24 missions ended in time", "V_c_m_s 0.0", "V_c_m_s 0.1", "leg.toml", "[draw]", "for tests"):
         assert words in page
 
 

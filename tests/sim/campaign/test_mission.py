@@ -43,6 +43,13 @@ def test_one_waypoint_without_an_end_heading_asks_for_none():
     assert figures["station_error_m"] == pytest.approx(1.0) and math.isnan(figures["station_error_deg"])
 
 
+def test_a_boat_that_drifts_at_its_end_has_no_station():
+    drifting = setup(TWO, "rudder").pilot
+    assert drifting.guidance.end == "drift"
+    figures = judged(still(*TWO[1]), drifting, 5.0)
+    assert figures["station_error_m"] is figures["station_error_deg"] is None
+
+
 def test_a_boat_that_did_not_end_on_station_has_no_error_there():
     figures = judged(still(*TWO[1]), setup(TWO).pilot, None)
     assert figures["station_error_m"] is figures["station_error_deg"] is None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -12,8 +12,9 @@ from typing import Any
 import msgspec
 
 from companion.core.configuration.run_file import load_run
+from companion.core.configuration.site_file import load_site
 from companion.core.configuration.tables import ConfigError
-from sim.campaign.case_files import HEADS, case_setup
+from sim.campaign.case_files import HEADS, WorldKeys, case_setup, check_start
 from sim.campaign.cases import Case, expand, settings_of
 from sim.campaign.file import LOGS, ROLES, Campaign, load_campaign
 from sim.campaign.runners.job import Work
@@ -61,6 +62,7 @@ def read_campaign(path: Path) -> tuple[Inputs, list[Case]]:
     try:
         _check(inputs)
         cases = expand(campaign, digests)
+        _check_starts(inputs, cases)
     except ConfigError:
         raise
     except ValueError as error:
@@ -121,6 +123,23 @@ def _check(inputs: Inputs) -> None:
                 _possible(inputs, among, name)
             except ConfigError:
                 raise error from None
+
+
+def _check_starts(inputs: Inputs, cases: Sequence[Case]) -> None:
+    """Missions begin within the fence, at every point of the grid; a start that is drawn may fail as a case."""
+    campaign, world = inputs.campaign, WorldKeys()
+    if campaign.kind != "missions" or {"world.north_m", "world.east_m"} & campaign.draw.keys():
+        return
+    starts = {
+        (c.files["site"][0], c.values.get("world.north_m", world.north_m), c.values.get("world.east_m", world.east_m))
+        for c in cases
+        if c.seed == campaign.seeds[0]
+    }
+    for site, north_m, east_m in starts:
+        try:
+            check_start(load_site(inputs.texts[site], name=site), north_m, east_m)
+        except ConfigError as error:
+            raise ConfigError(f"{inputs.name}: {error}") from None
 
 
 def _check_logs(campaign: Campaign, name: str, given: set[str], keys: list[str]) -> None:

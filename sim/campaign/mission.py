@@ -12,7 +12,7 @@ from companion.boat.load_run import RunSetup, setup_of
 from companion.core.control.nmpc import Nmpc
 from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, StateEstimate, Tick
 from companion.core.pilot.pilot import Pilot, PilotSettings
-from sim.campaign.case_files import CaseSetup
+from sim.campaign.case_files import CaseSetup, check_start
 from sim.campaign.file import Missions
 from sim.campaign.runners.job import Figure
 from sim.world.score import TrueTrack, end_heading, estimation, station, track_of, tracking
@@ -29,6 +29,7 @@ JUDGED = ("cross_track_rms_m", "surge_rms_error_m_s", "overshoot_m", "position_r
 def mission_figures(case: CaseSetup, settings: Missions, seed: int) -> dict[str, Figure]:
     """Drive it; what came of it. Figures that cannot be said (it never drove, it has no straight part) are None."""
     assert case.setup is not None, "missions come with a run file"
+    check_start(case.setup.pilot.site, case.world.north_m, case.world.east_m)
     mind, nmpc = _mind(tuple(sorted(case.setup.files.items())))
     start = (case.world.north_m, case.world.east_m, math.radians(case.world.psi_deg))
     world = WorldSetup(

@@ -13,32 +13,38 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.effects.current import direction_deg
 from companion.core.model.effects.waves import next_phasor
 from companion.core.model.loads import values
+from sim import world_limits as limits
 
 GUST_TIME_S = 10.0  # assumed
 WAVE_FORCE_N_M = np.array([60.0, 90.0, 15.0])  # amplitude of X, Y [N/m], N [N m/m] per metre of H_s; assumed
 WAVE_TILT_RAD_M = np.array([0.25, 0.15])  # roll, pitch amplitude per metre of H_s; assumed
 
 
+Direction = Annotated[float, Meta(ge=-limits.ANGLE_DEG, le=limits.ANGLE_DEG)]
+
+
 @dataclass(frozen=True)
 class Weather:
     """What the world is like. Directions in degrees from north: current towards, wind and waves from."""
 
-    V_c_m_s: float = 0.0
-    beta_c_deg: float = 0.0
-    turn_deg_s: float = 0.0
-    V_w_m_s: float = 0.0
-    beta_w_deg: float = 0.0
-    gustiness: float = 0.0
-    H_s_m: float = 0.0
-    T_p_s: float = 2.0
-    gust_time_s: float = GUST_TIME_S
+    V_c_m_s: Annotated[float, Meta(ge=0, le=limits.CURRENT_M_S)] = 0.0
+    beta_c_deg: Direction = 0.0
+    turn_deg_s: Annotated[float, Meta(ge=-limits.TURN_DEG_S, le=limits.TURN_DEG_S)] = 0.0
+    V_w_m_s: Annotated[float, Meta(ge=0, le=limits.WIND_M_S)] = 0.0
+    beta_w_deg: Direction = 0.0
+    gustiness: Annotated[float, Meta(ge=0, le=limits.GUSTINESS)] = 0.0
+    H_s_m: Annotated[float, Meta(ge=0, le=limits.WAVES_M)] = 0.0
+    T_p_s: Annotated[float, Meta(ge=limits.WAVE_PERIOD_S[0], le=limits.WAVE_PERIOD_S[1])] = 2.0
+    gust_time_s: Annotated[float, Meta(ge=limits.GUST_TIME_S[0], le=limits.GUST_TIME_S[1])] = GUST_TIME_S
     waves: Mapping[str, float] | None = None
 
 

@@ -1,7 +1,4 @@
-"""What world `aritra sim`, `demo` and `excite fly` simulate: the boat's start, weather, errors; from the command line.
-
-Ranges keep out what no basin has and what the simulator was never meant for; assumed, and generous.
-"""
+"""What world `aritra sim`, `demo` and `excite fly` simulate, from the command line: the start, weather, errors."""
 
 from __future__ import annotations
 
@@ -12,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 from companion.boat.load_run import RunSetup
 from companion.cli.options.values import Each, angle_deg, number, seed, share
 from companion.core.configuration.tables import ConfigError
+from sim.world_limits import CURRENT_M_S, FARTHEST_M, MISMATCH, WAVES_M, WIND_M_S
 
 if TYPE_CHECKING:
     from sim.world.world import WorldSetup
 
-FARTHEST_M, CURRENT_M_S, WIND_M_S, WAVES_M, MISMATCH = 10_000.0, 10.0, 60.0, 10.0, 0.5
-"""Largest place, current, wind, significant height of waves, and share that the plant is off its vessel file."""
 START = (8.0, 8.0, 20.0)
 """Where a simulated boat begins: north, east [m], heading [deg]."""
 place_m = number(-FARTHEST_M, FARTHEST_M, "a place [m]")

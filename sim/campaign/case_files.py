@@ -81,10 +81,10 @@ def case_setup(work: Work) -> CaseSetup:
     )
 
 
-def check_start(site: Site, north_m: float, east_m: float) -> None:
+def check_start(site: Site, world: WorldKeys) -> None:
     """Raise ConfigError for a start beyond the fence."""
-    if not site.inside(north_m, east_m):
-        where = f"a start at north {north_m:g}, east {east_m:g} m lies beyond the fence of site {site.name}"
+    if not site.inside(world.north_m, world.east_m):
+        where = f"a start at north {world.north_m:g}, east {world.east_m:g} m lies beyond the fence of site {site.name}"
         raise ConfigError(f"world.north_m, world.east_m: {where}")
 
 

@@ -127,17 +127,17 @@ def _check(inputs: Inputs) -> None:
 
 def _check_starts(inputs: Inputs, cases: Sequence[Case]) -> None:
     """Missions begin within the fence, at every point of the grid; a start that is drawn may fail as a case."""
-    campaign, world = inputs.campaign, WorldKeys()
-    if campaign.kind != "missions" or {"world.north_m", "world.east_m"} & campaign.draw.keys():
+    campaign, keys = inputs.campaign, ("world.north_m", "world.east_m")
+    if campaign.kind != "missions" or campaign.draw.keys() & set(keys):
         return
     starts = {
-        (c.files["site"][0], c.values.get("world.north_m", world.north_m), c.values.get("world.east_m", world.east_m))
-        for c in cases
-        if c.seed == campaign.seeds[0]
+        (case.files["site"][0], msgspec.convert({k[6:]: case.values[k] for k in keys if k in case.values}, WorldKeys))
+        for case in cases
+        if case.seed == campaign.seeds[0]
     }
-    for site, north_m, east_m in starts:
+    for site, world in starts:
         try:
-            check_start(load_site(inputs.texts[site], name=site), north_m, east_m)
+            check_start(load_site(inputs.texts[site], name=site), world)
         except ConfigError as error:
             raise ConfigError(f"{inputs.name}: {error}") from None
 

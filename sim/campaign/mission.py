@@ -29,7 +29,7 @@ JUDGED = ("cross_track_rms_m", "surge_rms_error_m_s", "overshoot_m", "position_r
 def mission_figures(case: CaseSetup, settings: Missions, seed: int) -> dict[str, Figure]:
     """Drive it; what came of it. Figures that cannot be said (it never drove, it has no straight part) are None."""
     assert case.setup is not None, "missions come with a run file"
-    check_start(case.setup.pilot.site, case.world.north_m, case.world.east_m)
+    check_start(case.setup.pilot.site, case.world)
     mind, nmpc = _mind(tuple(sorted(case.setup.files.items())))
     start = (case.world.north_m, case.world.east_m, math.radians(case.world.psi_deg))
     world = WorldSetup(

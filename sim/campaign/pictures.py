@@ -21,14 +21,14 @@ STYLES = ("-", "--", ":")
 
 
 def distributions(parts: Mapping[str, Mapping[str, np.ndarray]], names: Sequence[str]) -> Figure:
-    """One panel for each figure of `names`. `parts`: by part of the grid, values by figure (NaN left out)."""
+    """One panel for each figure of `names`. `parts`: by part of the grid, values by figure (NaN: none)."""
     down = -(-len(names) // ACROSS)
     figure = Figure(figsize=(11, 2.6 * down + 0.5), layout="constrained")
     axes = figure.subplots(down, ACROSS, squeeze=False).ravel()
     for ax, name in zip(axes, names, strict=False):
-        values = {part: _known(columns[name]) for part, columns in parts.items()}
+        values = {part: columns[name] for part, columns in parts.items()}
         if len(values) == 1:
-            _histogram(ax, next(iter(values.values())))
+            _histogram(ax, _known(next(iter(values.values()))))
         else:
             _curves(ax, values)
         ax.set_title(name, fontsize=9)
@@ -100,10 +100,14 @@ def _histogram(ax: Axes, values: np.ndarray) -> None:
 
 
 def _curves(ax: Axes, parts: Mapping[str, np.ndarray]) -> None:
-    """Share of the cases that are at most so large; a part without any value has its name in the legend alone."""
-    for i, (part, values) in enumerate(parts.items()):
+    """Share of all cases of a part (NaN: those without the figure) that are at most so large.
+
+    A part without any value has its name in the legend alone.
+    """
+    for i, (part, every) in enumerate(parts.items()):
+        values = _known(every)
         at = np.concatenate([values[:1], values])
-        share = np.arange(len(at)) / max(len(values), 1)
+        share = np.arange(len(at)) / max(len(every), 1)
         style = STYLES[i // len(COLOURS) % len(STYLES)]
         ax.step(
             at,

@@ -179,7 +179,7 @@ def test_the_page_stands_alone_and_says_what_it_rests_on(tmp_path):
     page = call(tmp_path / "out", path, pretend()).page
     assert not re.search(r"https?://|<script|<link|@import", page)
     assert page.count("data:image/png;base64,") == 1
-    for words in ("24 missions ended in time", "V_c_m_s 0.0", "V_c_m_s 0.1", "leg.toml", "[draw]", "for tests"):
+    for words in ("24 of 24 missions ended in time", "V_c_m_s 0.0", "V_c_m_s 0.1", "leg.toml", "[draw]", "for tests"):
         assert words in page
 
 
@@ -207,5 +207,28 @@ def test_in_a_terminal_points_of_a_grid_stand_beside_each_other_where_they_fit(v
     path.write_text(text.replace("V_c_m_s = [0.0, 0.1]", f"V_c_m_s = {values}"))
     found = report.narrow(read_campaign(path)[0].campaign, call(tmp_path / "out", path, pretend()).results)
     heads = [f"V_c_m_s {v}" for v in values] if beside else list(report.NARROW[1:])
-    assert list(found.head[1:]) == heads and [row[0] for row in found.rows] == ["nees"]
+    counted = ["finished", "waypoint missed"] if beside else []
+    assert list(found.head[1:]) == heads and [row[0] for row in found.rows] == [*counted, "nees"]
     assert {len(row) for row in found.rows} == {len(found.head)}
+
+
+def test_figures_of_some_cases_alone_are_told_as_such(tmp_path):
+    """In the current one of four missions finishes: its error is not the error of that point."""
+
+    def run(works):
+        for work in works:
+            done = work.values["weather.V_c_m_s"] == 0.0 or work.seed == 1
+            told = {"finished": done, "waypoints_missed": 0 if done else 2, "station_error_m": 0.1 if done else None}
+            yield CaseOutcome(id=work.id, figures=told, program=PROGRAM)
+
+    path = campaign_file(tmp_path)
+    done = call(tmp_path / "out", path, run)
+    found = report.narrow(read_campaign(path)[0].campaign, done.results)
+    assert found.rows == (
+        ("finished", "4 of 4", "1 of 4"),
+        ("waypoint missed", "0 of 4", "3 of 4"),
+        ("station_error_m", "0.1 (0.1)", "0.1 (0.1) n=1"),
+    )
+    assert report.ended(done.results) == "5 of 8 missions ended in time; in 3 a waypoint was missed."
+    for words in ("0.1 (0.1) n=1", "1 of 4", "5 of 8 missions ended in time"):
+        assert words in done.page

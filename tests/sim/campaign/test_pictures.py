@@ -14,6 +14,12 @@ def test_a_part_without_any_value_is_in_the_legend_alone():
     assert [len(line.get_xdata()) for line in drawn.axes[0].get_lines()] == [4, 0]
 
 
+def test_a_curve_ends_at_the_share_of_the_cases_that_have_the_figure():
+    some = np.array([np.nan, 1.0, np.nan, 2.0])
+    drawn = distributions({"calm": {"off": np.arange(4.0)}, "rough": {"off": some}}, ["off"])
+    assert [line.get_ydata()[-1] for line in drawn.axes[0].get_lines()] == [100.0, 50.0]
+
+
 @pytest.mark.parametrize("values", [[ONE, np.nextafter(ONE, 1)], [0.0], [1e17], [-2.0, np.nextafter(-2.0, 0)]])
 def test_values_that_differ_by_round_off_are_one_bar(values):
     drawn = distributions({"all cases": {"off": np.array(values * 10)}}, ["off"])

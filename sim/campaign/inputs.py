@@ -13,7 +13,7 @@ import msgspec
 
 from companion.core.configuration.run_file import load_run
 from companion.core.configuration.site_file import load_site
-from companion.core.configuration.tables import ConfigError
+from companion.core.configuration.tables import TEXT, ConfigError
 from sim.campaign.case_files import HEADS, WorldKeys, case_setup, check_start
 from sim.campaign.cases import Case, expand, settings_of
 from sim.campaign.file import LOGS, ROLES, Campaign, load_campaign
@@ -49,8 +49,8 @@ class Inputs:
 
 def read_campaign(path: Path) -> tuple[Inputs, list[Case]]:
     """The file, what it names, and its cases. Raises ConfigError naming file and key."""
-    text, folder = _bytes(path, str(path)), path.parent
-    campaign = load_campaign(_utf8(text, str(path)), name=str(path))
+    text, folder = _utf8(_bytes(path, str(path)), str(path)), path.parent
+    campaign = load_campaign(text, name=str(path))
     campaign = _with_files_of_run(campaign, folder, str(path))
     texts, digests = {}, {}
     for role, name in sorted(_named(campaign)):
@@ -58,7 +58,7 @@ def read_campaign(path: Path) -> tuple[Inputs, list[Case]]:
         digests[name] = hashlib.sha256(data).hexdigest()
         if role not in LOGS:
             texts[name] = _utf8(data, name)
-    inputs = Inputs(campaign, str(path), text.decode(), folder, texts, digests)
+    inputs = Inputs(campaign, str(path), text, folder, texts, digests)
     try:
         _check(inputs)
         cases = expand(campaign, digests)
@@ -177,6 +177,6 @@ def _bytes(path: Path, where: str) -> bytes:
 
 def _utf8(data: bytes, where: str) -> str:
     try:
-        return data.decode()
+        return data.decode(TEXT)
     except UnicodeDecodeError:
         raise ConfigError(f"{where}: is not UTF-8 text") from None

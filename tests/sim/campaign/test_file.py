@@ -177,6 +177,14 @@ def test_every_key_is_in_the_reference():
     assert wanted - words == set()
 
 
+def test_files_of_editors_that_begin_with_a_byte_order_mark_are_read(tmp_path):
+    path = campaign_file(tmp_path)
+    plain = [case.shown for case in cases_of(path)]
+    for file in (path, tmp_path / "leg.toml"):
+        file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    assert sorted(map(str, plain)) == sorted(str(case.shown) for case in cases_of(path))
+
+
 # --- bad files -----------------------------------------------------------------------------------------------
 
 GRID = "weather.V_c_m_s = [0.0, 0.1]"

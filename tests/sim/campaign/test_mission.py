@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim.campaign.mission import judged
-from sim.world.score import TrueTrack
+from sim.world.score import TrueTrack, tracking
 from tests.support.drive_fixture import setup
 
 TWO = ((9.0, 9.0), (16.0, 9.0))
@@ -41,6 +41,15 @@ def test_the_heading_on_station_is_judged_by_the_one_that_the_mission_asks_for(p
 def test_one_waypoint_without_an_end_heading_asks_for_none():
     figures = judged(still(16.0, 8.0), setup(TWO[1:]).pilot, 5.0)
     assert figures["station_error_m"] == pytest.approx(1.0) and math.isnan(figures["station_error_deg"])
+
+
+def test_no_corner_driven_is_no_overshoot():
+    """One leg; two legs of which the first alone is driven; both, 0.4 m beyond the corner."""
+    points = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
+    row = np.array([[5.0, 0.0, 0.0, 0.5, 0.0, 0.0], [10.4, 3.0, 0.0, 0.5, 0.0, 0.0]])
+    track = replace(still(0.0, 0.0), truth=row, u_ref=np.zeros(2), leg=np.array([0, 1]), on_leg=np.array([True, False]))
+    assert math.isnan(tracking(track, points[:2])["overshoot_m"]) and math.isnan(tracking(track, points)["overshoot_m"])
+    assert tracking(replace(track, on_leg=np.array([True, True])), points)["overshoot_m"] == pytest.approx(0.4)
 
 
 def test_a_boat_that_drifts_at_its_end_has_no_station():

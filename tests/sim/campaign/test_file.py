@@ -54,6 +54,11 @@ def test_more_seeds_and_points_leave_the_cases_that_were_there(seeds, current, m
     }
 
 
+def test_a_fraction_beside_whole_numbers_leaves_their_cases():
+    whole, among = made([1, 2], [0, 4]), made([1, 2], [0, 2.5, 4, 1e300])
+    assert {c.id for c in whole} < {c.id for c in among} and len(among) == 8
+
+
 @given(many_seeds, many_numbers)
 def test_the_order_in_which_a_file_says_things_names_nothing(seeds, current):
     backwards = made(seeds[::-1], current[::-1])

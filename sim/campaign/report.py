@@ -91,11 +91,21 @@ def parts_of(campaign: Campaign, table: pl.DataFrame) -> dict[str, pl.DataFrame]
     rows = table.select(keys).unique().sort(keys).rows() if keys else []
     if not 1 < len(rows) <= PARTS:
         return {"all cases": table}
-    out = {}
+    names, out = short_names(keys), {}
     for row in rows:
-        label = ", ".join(f"{key.split('.')[-1]} {value}" for key, value in zip(keys, row, strict=True))
+        label = ", ".join(f"{name} {value}" for name, value in zip(names, row, strict=True))
         here = pl.all_horizontal([pl.col(key).eq_missing(value) for key, value in zip(keys, row, strict=True)])
         out[label] = table.filter(here)
+    return out
+
+
+def short_names(keys: Sequence[str]) -> list[str]:
+    """Of each dotted key as few of its last steps as no other key ends with."""
+    out = []
+    for key in keys:
+        steps = key.split(".")
+        ends = (".".join(steps[k:]) for k in range(len(steps) - 1, -1, -1))
+        out.append(next((end for end in ends if sum(f".{k}".endswith(f".{end}") for k in keys) == 1), key))
     return out
 
 

@@ -212,6 +212,19 @@ def test_in_a_terminal_points_of_a_grid_stand_beside_each_other_where_they_fit(v
     assert {len(row) for row in found.rows} == {len(found.head)}
 
 
+@pytest.mark.parametrize(
+    ("keys", "names"),
+    [
+        (["weather.V_c_m_s", "world.mismatch"], ["V_c_m_s", "mismatch"]),
+        (["vessel.thrusters.port.gain", "vessel.thrusters.bow.gain"], ["port.gain", "bow.gain"]),
+        (["truth.hull.length_m", "vessel.hull.length_m"], ["truth.hull.length_m", "vessel.hull.length_m"]),
+        (["a.b", "x.a.b"], ["a.b", "x.a.b"]),
+    ],
+)
+def test_points_of_a_grid_are_told_by_names_that_tell_them_apart(keys, names):
+    assert report.short_names(keys) == names
+
+
 def test_figures_of_some_cases_alone_are_told_as_such(tmp_path):
     """In the current one of four missions finishes: its error is not the error of that point."""
 

@@ -13,7 +13,7 @@ Value = bool | int | float | str
 
 
 def flat(tables: Mapping[str, Any], where: str, leaf: Callable[[Any], bool]) -> dict[str, Any]:
-    """Nested tables as one, by dotted key in sorted order. ValueError where what is no leaf is no table; or a key twice."""
+    """Nested tables as one, by dotted key sorted. ValueError where what is no leaf is no table, or a key twice."""
     out: dict[str, Any] = {}
     for key, value in tables.items():
         if leaf(value):

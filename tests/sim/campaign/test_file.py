@@ -139,6 +139,7 @@ world.mismatch = 0.1
     gains = {t.name: t.gain for t in found.truth.thrusters}
     assert gains["rear_port"] == 0.7 and {t.gain for t in found.vessel.thrusters} == {1.0}
     assert (found.weather.V_c_m_s, found.faults.dropout, found.world.mismatch) == (0.1, 0.2, 0.1)
+    assert found.weather.V_w_m_s is None, "what is not stated is not 0"
     assert found.world.north_m == case.values["world.north_m"]
     assert [w.north_m for w in found.setup.pilot.mission.path.waypoints] == [9.0, 13.0]
 

@@ -177,6 +177,8 @@ def _print(
     table, failed = tables.results(cases, journal.outcomes), tables.failures(cases, journal.outcomes)
     if table.height:
         console.print(_figures(report.narrow(inputs.campaign, table)))
+        if how := report.ended(table):
+            console.print(Text(how))
     for case, outcome in failed[:LISTED]:
         console.print(Text(f"failed: {case.id} seed {case.seed}: {outcome.error}", style="bold yellow"))
     if len(failed) > LISTED:

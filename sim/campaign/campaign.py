@@ -32,9 +32,13 @@ def run(
 def write(
     folder: Path, inputs: Inputs, cases: Sequence[Case], journal: Journal, program: dict[str, str]
 ) -> dict[str, bytes]:
-    """Tables, failures and report of what is there; each replaces the one before whole. Their bytes by name."""
+    """Tables and failures, then the report of what is there; each replaces the one before whole. Their bytes by name.
+
+    The report comes last: what goes wrong in a picture costs no table.
+    """
     files = outputs(cases, journal.outcomes)
-    files[REPORT] = summary(inputs, cases, journal.outcomes, program).encode()
     for name, data in files.items():
         write_whole(folder / name, data)
+    files[REPORT] = summary(inputs, cases, journal.outcomes, program).encode()
+    write_whole(folder / REPORT, files[REPORT])
     return files

@@ -11,7 +11,8 @@ import msgspec
 import tomli_w
 
 from companion.boat.load_run import RunSetup, setup_of
-from companion.core.configuration.tables import ConfigError, Table
+from companion.core.configuration.site_file import Site
+from companion.core.configuration.tables import ConfigError, Table, found_wrong
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.actuators.propulsion import only_fixed
 from companion.core.model.load_vessel import load_vessel
@@ -80,6 +81,13 @@ def case_setup(work: Work) -> CaseSetup:
     )
 
 
+def check_start(site: Site, world: WorldKeys) -> None:
+    """Raise ConfigError for a start beyond the fence."""
+    if not site.inside(world.north_m, world.east_m):
+        where = f"a start at north {world.north_m:g}, east {world.east_m:g} m lies beyond the fence of site {site.name}"
+        raise ConfigError(f"world.north_m, world.east_m: {where}")
+
+
 def _setup(work: Work, texts: Mapping[str, str]) -> RunSetup:
     run = _text(work, "run", texts["run"])
     suffix = work.names["mission"].rpartition(".")[2]
@@ -118,6 +126,5 @@ def _converted(values: Mapping[str, Any], kind: type[T], head: str) -> T:
     try:
         return msgspec.convert(values, kind)
     except msgspec.ValidationError as error:
-        what, _, where = str(error).partition(" - at ")
-        key = where.strip("`").removeprefix("$.")
-        raise ConfigError(f"{head}.{key}: {what}" if key else f"{head}: {what}") from None
+        key, what = found_wrong(error)
+        raise ConfigError(f"{head}.{key}: {what}") from None

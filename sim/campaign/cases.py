@@ -2,8 +2,8 @@
 
     cases = grid x seeds;    a draw of a case = f(seed, key)
 
-Draws depend on seed and key alone: points of the grid are compared under the same draws, and more seeds, keys or grid
-points leave the cases that were there as they were.
+Draws depend on seed and key alone: points of the grid are compared under the same draws, and more seeds or grid points
+leave the cases that were there as they were. One more key is of all cases, with draws as they were, and names all anew.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import msgspec
 import numpy as np
 
 from sim.campaign.dotted_keys import Value, of_head
-from sim.campaign.file import Campaign, Draw, Settings
+from sim.campaign.file import LARGEST, Campaign, Draw, Settings
 
-FORM = {"missions": 1, "identify": 1, "diagnose": 1}
+FORM = {"missions": 2, "identify": 2, "diagnose": 2}
 """Raised when figures of a kind come to mean something else: then what was kept is no longer taken for done."""
 
 
@@ -72,12 +72,17 @@ def _case(campaign: Campaign, seed: int, point: dict[str, Any], digests: Mapping
         campaign.kind,
         msgspec.to_builtins(settings),
         seed,
-        values,
+        {key: _plain(value) for key, value in values.items()},
         {role: [digests[path] for path in paths] for role, paths in files.items()},
     ]
     name = hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()[:16]
     shown = {k: " + ".join(v) if isinstance(v, tuple) else v for k, v in every.items()}
     return Case(id=name, seed=seed, values=values, files=files, settings=settings, shown=shown)
+
+
+def _plain(value: Value) -> Value:
+    """A whole number as such, also where fractions beside it made it one: 4.0 and 4 are the same case."""
+    return int(value) if isinstance(value, float) and value.is_integer() and abs(value) <= LARGEST else value
 
 
 def settings_of(campaign: Campaign, values: Mapping[str, Any]) -> Settings:

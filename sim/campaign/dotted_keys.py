@@ -13,16 +13,19 @@ Value = bool | int | float | str
 
 
 def flat(tables: Mapping[str, Any], where: str, leaf: Callable[[Any], bool]) -> dict[str, Any]:
-    """Nested tables as one, by dotted key in sorted order. ValueError where what is no leaf is no table."""
+    """Nested tables as one, by dotted key sorted. ValueError where what is no leaf is no table, or a key twice."""
     out: dict[str, Any] = {}
     for key, value in tables.items():
         if leaf(value):
-            out[key] = value
+            found = {key: value}
         elif isinstance(value, Mapping) and value:
-            out |= {f"{key}.{rest}": inner for rest, inner in flat(value, f"{where}.{key}", leaf).items()}
+            found = {f"{key}.{rest}": inner for rest, inner in flat(value, f"{where}.{key}", leaf).items()}
         else:
             expected = {"grid": "a list of values", "draw": "for example { uniform = [0.0, 1.0] }"}
             raise ValueError(f"{where}.{key}: expected {expected.get(where.partition('.')[0], 'a value')}")
+        if twice := sorted(out.keys() & found.keys()):
+            raise ValueError(f"{where}.{twice[0]}: is there twice, with quotation marks and without")
+        out |= found
     return dict(sorted(out.items()))
 
 

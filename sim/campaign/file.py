@@ -40,6 +40,10 @@ class Missions(Table, frozen=True, kw_only=True):
     limit_s: Annotated[float, msgspec.Meta(gt=0, le=86400)] = 240.0
     station_s: Annotated[float, msgspec.Meta(gt=0, le=3600)] = 10.0
 
+    def __post_init__(self) -> None:
+        if self.limit_s <= self.station_s:
+            raise ValueError(f"limit_s: expected more than station_s ({self.station_s:g} s)")
+
 
 class Identify(Table, frozen=True, kw_only=True):
     """`drive_s`: the log is a simulated drive of so long, by the case's seed; `block_s`: as `--block`."""
@@ -79,6 +83,8 @@ class Draw(Table, frozen=True, kw_only=True):
             raise ValueError(f"expected one of {', '.join(self.__struct_fields__)}")
         if (span := self.uniform or self.log_uniform) and not span[0] < span[1]:
             raise ValueError(f"{given_keys[0]}: expected the smaller number first")
+        if self.uniform and not math.isfinite(self.uniform[1] - self.uniform[0]):
+            raise ValueError("uniform: expected numbers that lie closer together")
         if self.log_uniform and self.log_uniform[0] <= 0:
             raise ValueError("log_uniform: expected numbers above 0")
         if self.normal and self.normal[1] <= 0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -12,8 +12,9 @@ from typing import Any
 import msgspec
 
 from companion.core.configuration.run_file import load_run
-from companion.core.configuration.tables import ConfigError
-from sim.campaign.case_files import HEADS, case_setup
+from companion.core.configuration.site_file import load_site
+from companion.core.configuration.tables import TEXT, ConfigError
+from sim.campaign.case_files import HEADS, WorldKeys, case_setup, check_start
 from sim.campaign.cases import Case, expand, settings_of
 from sim.campaign.file import LOGS, ROLES, Campaign, load_campaign
 from sim.campaign.runners.job import Work
@@ -48,8 +49,8 @@ class Inputs:
 
 def read_campaign(path: Path) -> tuple[Inputs, list[Case]]:
     """The file, what it names, and its cases. Raises ConfigError naming file and key."""
-    text, folder = _bytes(path, str(path)), path.parent
-    campaign = load_campaign(_utf8(text, str(path)), name=str(path))
+    text, folder = _utf8(_bytes(path, str(path)), str(path)), path.parent
+    campaign = load_campaign(text, name=str(path))
     campaign = _with_files_of_run(campaign, folder, str(path))
     texts, digests = {}, {}
     for role, name in sorted(_named(campaign)):
@@ -57,10 +58,11 @@ def read_campaign(path: Path) -> tuple[Inputs, list[Case]]:
         digests[name] = hashlib.sha256(data).hexdigest()
         if role not in LOGS:
             texts[name] = _utf8(data, name)
-    inputs = Inputs(campaign, str(path), text.decode(), folder, texts, digests)
+    inputs = Inputs(campaign, str(path), text, folder, texts, digests)
     try:
         _check(inputs)
         cases = expand(campaign, digests)
+        _check_starts(inputs, cases)
     except ConfigError:
         raise
     except ValueError as error:
@@ -123,6 +125,23 @@ def _check(inputs: Inputs) -> None:
                 raise error from None
 
 
+def _check_starts(inputs: Inputs, cases: Sequence[Case]) -> None:
+    """Missions begin within the fence, at every point of the grid; a start that is drawn may fail as a case."""
+    campaign, keys = inputs.campaign, ("world.north_m", "world.east_m")
+    if campaign.kind != "missions" or campaign.draw.keys() & set(keys):
+        return
+    starts = {
+        (case.files["site"][0], msgspec.convert({k[6:]: case.values[k] for k in keys if k in case.values}, WorldKeys))
+        for case in cases
+        if case.seed == campaign.seeds[0]
+    }
+    for site, world in starts:
+        try:
+            check_start(load_site(inputs.texts[site], name=site), world)
+        except ConfigError as error:
+            raise ConfigError(f"{inputs.name}: {error}") from None
+
+
 def _check_logs(campaign: Campaign, name: str, given: set[str], keys: list[str]) -> None:
     if campaign.kind == "missions":
         return
@@ -158,6 +177,6 @@ def _bytes(path: Path, where: str) -> bytes:
 
 def _utf8(data: bytes, where: str) -> str:
     try:
-        return data.decode()
+        return data.decode(TEXT)
     except UnicodeDecodeError:
         raise ConfigError(f"{where}: is not UTF-8 text") from None

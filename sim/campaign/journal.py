@@ -62,12 +62,17 @@ class Journal:
     def _read(self, kind: str) -> None:
         data = self.path.read_bytes()
         whole = data[: data.rfind(b"\n") + 1]
+        lines, first = whole.splitlines(), msgspec.json.encode(_Head(kind=kind, program=self._program))
+        if lines:
+            self._take(lines, kind)
+        elif not first.startswith(data):
+            raise ConfigError(f"{self.path}: is no journal of a campaign like this; choose another folder")
         os.ftruncate(self._file, len(whole))
         os.lseek(self._file, 0, os.SEEK_END)
-        lines = whole.splitlines()
         if not lines:
-            self._write(msgspec.json.encode(_Head(kind=kind, program=self._program)))
-            return
+            self._write(first)
+
+    def _take(self, lines: list[bytes], kind: str) -> None:
         head = self._decoded(1, lines[0], _Head)
         for number, line in enumerate(lines[1:], 2):
             outcome = self._decoded(number, line, CaseOutcome)
@@ -86,9 +91,12 @@ class Journal:
 
     def _write(self, line: bytes) -> None:
         rest = line + b"\n"
-        while rest:
-            rest = rest[os.write(self._file, rest) :]
-        os.fsync(self._file)
+        try:
+            while rest:
+                rest = rest[os.write(self._file, rest) :]
+            os.fsync(self._file)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.path)) from None
 
 
 def _difference(theirs: dict[str, str], ours: dict[str, str]) -> str:

@@ -11,11 +11,11 @@ import numpy as np
 from companion.boat.load_run import RunSetup, setup_of
 from companion.core.control.nmpc import Nmpc
 from companion.core.messages import GroundTruth, GuidanceReference, OverrideLease, StateEstimate, Tick
-from companion.core.pilot.pilot import Pilot
-from sim.campaign.case_files import CaseSetup
+from companion.core.pilot.pilot import Pilot, PilotSettings
+from sim.campaign.case_files import CaseSetup, check_start
 from sim.campaign.file import Missions
 from sim.campaign.runners.job import Figure
-from sim.world.score import TrueTrack, estimation, station, track_of, tracking
+from sim.world.score import TrueTrack, end_heading, estimation, station, track_of, tracking
 from sim.world.stepped import SteppedRun
 from sim.world.stepped_controller import stepped_controller
 from sim.world.world import World, WorldSetup
@@ -29,6 +29,7 @@ JUDGED = ("cross_track_rms_m", "surge_rms_error_m_s", "overshoot_m", "position_r
 def mission_figures(case: CaseSetup, settings: Missions, seed: int) -> dict[str, Figure]:
     """Drive it; what came of it. Figures that cannot be said (it never drove, it has no straight part) are None."""
     assert case.setup is not None, "missions come with a run file"
+    check_start(case.setup.pilot.site, case.world)
     mind, nmpc = _mind(tuple(sorted(case.setup.files.items())))
     start = (case.world.north_m, case.world.east_m, math.radians(case.world.psi_deg))
     world = WorldSetup(
@@ -50,24 +51,22 @@ def mission_figures(case: CaseSetup, settings: Missions, seed: int) -> dict[str,
         return run.world.t_ns - since > settings.station_s * 1e9
 
     finished = run.run(settled, settings.limit_s)
-    figures = {"finished": finished, **_scored(run, case.setup, settings)}
-    return figures if finished else figures | dict.fromkeys(("station_error_m", "station_error_deg"))
+    return {"finished": finished, **_scored(run, case.setup, settings.station_s if finished else None)}
 
 
-def _scored(run: SteppedRun, setup: RunSetup, settings: Missions) -> dict[str, Figure]:
-    points = np.array(setup.pilot.mission.path.points)
+def _scored(run: SteppedRun, setup: RunSetup, station_s: float | None) -> dict[str, Figure]:
     passed = len(run.state.guidance.passed)
     leases = run.of(OverrideLease)
     driven = [lease for lease in leases if lease.source != "neutral"]
     track = track_of(run.of(StateEstimate), run.of(GuidanceReference), run.of(GroundTruth))
     out: dict[str, Figure] = {
-        "waypoints_missed": len(points) - passed,
+        "waypoints_missed": len(setup.pilot.mission.path.points) - passed,
         "unleased": unleased([m.index for m in run.of(Tick)], [m.index for m in leases]),
         "mode": run.state.helm.mode,
         "simulated_s": run.world.t_ns * 1e-9,
         "plan_share": sum(lease.source == "plan" for lease in driven) / len(driven) if driven else None,
     }
-    return out | _judged(track, points, settings.station_s)
+    return out | judged(track, setup.pilot, station_s)
 
 
 def unleased(ticks: list[int], leases: list[int]) -> bool:
@@ -75,16 +74,17 @@ def unleased(ticks: list[int], leases: list[int]) -> bool:
     return leases != ticks[: len(leases)] or len(ticks) - len(leases) > 1
 
 
-def _judged(track: TrueTrack, points: np.ndarray, station_s: float) -> dict[str, Figure]:
-    """Tracking, station and estimate."""
+def judged(track: TrueTrack, settings: PilotSettings, station_s: float | None) -> dict[str, Figure]:
+    """Tracking, station over the last `station_s` (None: it never came to it; boats that drift keep none), estimate."""
     if not len(track.t_s):
         return dict.fromkeys(("farthest_m", *JUDGED))
-    last = points[-1] - points[-2] if len(points) > 1 else np.array([1.0, 0.0])
-    pose = (*points[-1], float(np.arctan2(last[1], last[0])))
+    points = np.array(settings.mission.path.points)
     away = np.linalg.norm(track.truth[:, None, :2] - points, axis=2).min(axis=0)
-    known: Mapping[str, float] = tracking(track, points) | station(track, pose, station_s) | estimation(track)
+    known: Mapping[str, float] = tracking(track, points) | estimation(track)
+    if station_s is not None and settings.guidance.end == "station":
+        known = known | station(track, (*points[-1], end_heading(settings.mission)), station_s)
     figures: dict[str, Figure] = {"farthest_m": float(away.max())}
-    return figures | {name: known[name] for name in JUDGED}
+    return figures | {name: known.get(name) for name in JUDGED}
 
 
 @lru_cache(KEPT)

@@ -15,18 +15,20 @@ from sim.fitting.validate.figures import COLOURS, INK
 ACROSS = 3
 FEW = 8
 """Fewer values than this are drawn one by one, not as a histogram."""
+ROUND_OFF = 1e-9
+"""Values that differ by less than this share of their size are one value; assumed."""
 STYLES = ("-", "--", ":")
 
 
 def distributions(parts: Mapping[str, Mapping[str, np.ndarray]], names: Sequence[str]) -> Figure:
-    """One panel for each figure of `names`. `parts`: by part of the grid, values by figure (NaN left out)."""
+    """One panel for each figure of `names`. `parts`: by part of the grid, values by figure (NaN: none)."""
     down = -(-len(names) // ACROSS)
     figure = Figure(figsize=(11, 2.6 * down + 0.5), layout="constrained")
     axes = figure.subplots(down, ACROSS, squeeze=False).ravel()
     for ax, name in zip(axes, names, strict=False):
-        values = {part: _known(columns[name]) for part, columns in parts.items()}
+        values = {part: columns[name] for part, columns in parts.items()}
         if len(values) == 1:
-            _histogram(ax, next(iter(values.values())))
+            _histogram(ax, _known(next(iter(values.values()))))
         else:
             _curves(ax, values)
         ax.set_title(name, fontsize=9)
@@ -86,19 +88,29 @@ def _histogram(ax: Axes, values: np.ndarray) -> None:
         ax.plot(values, np.zeros(len(values)), "|", color=COLOURS[0], ms=14)
         ax.set_yticks([])
         return
-    ax.hist(values, bins=min(40, max(8, round(len(values) ** 0.5))), color=COLOURS[0], alpha=0.85)
+    size = float(np.abs(values).max())
+    if np.ptp(values) <= ROUND_OFF * size:
+        bins, margin = 1, 0.05 * (size or 1.0)
+    else:
+        bins, margin = min(40, max(8, round(len(values) ** 0.5))), 0.0
+    ax.hist(values, bins, range=(values[0] - margin, values[-1] + margin), color=COLOURS[0], alpha=0.85)
     for share, style in ((0.5, "-"), (0.95, "--")):
         ax.axvline(float(np.quantile(values, share)), color=INK, ls=style, lw=1)
     ax.set_ylabel("cases", fontsize=8)
 
 
 def _curves(ax: Axes, parts: Mapping[str, np.ndarray]) -> None:
-    """Share of the cases that are at most so large."""
-    for i, (part, values) in enumerate(parts.items()):
-        share = np.arange(len(values) + 1) / max(len(values), 1)
+    """Share of all cases of a part (NaN: those without the figure) that are at most so large.
+
+    A part without any value has its name in the legend alone.
+    """
+    for i, (part, every) in enumerate(parts.items()):
+        values = _known(every)
+        at = np.concatenate([values[:1], values])
+        share = np.arange(len(at)) / max(len(every), 1)
         style = STYLES[i // len(COLOURS) % len(STYLES)]
         ax.step(
-            np.concatenate([values[:1], values]),
+            at,
             100 * share,
             style,
             where="post",

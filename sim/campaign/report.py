@@ -28,6 +28,8 @@ MAIN = {
 """Figures that are drawn; every figure stands in the table and in results.parquet."""
 WORDS = {"missions": ("mode",), "identify": ("believe",), "diagnose": ("verdict", "causes")}
 """Figures that are words and worth counting."""
+COUNTED = {"finished": "finished", "waypoints_missed": "waypoint missed"}
+"""Figures of which it is told in how many cases they are above 0, and how that is called."""
 NARROW = ("figure", "cases", "least", "median", "95 %", "most")
 """Columns of `quantiles` that fit into a terminal of 80 characters."""
 WIDTH, GAP = 80, 2
@@ -42,7 +44,7 @@ def summary(
 ) -> str:
     """The page, as text."""
     table, failed = results(cases, outcomes), failures(cases, outcomes)
-    sections = [_state(inputs.campaign, cases, outcomes, len(failed)), *_failed(failed)]
+    sections = [_state(inputs.campaign, cases, outcomes, table, len(failed)), *_failed(failed)]
     if table.height:
         sections += [*_pictures(inputs.campaign, table), _every(table, cases)]
     sections.append(_origin(inputs, program))
@@ -89,29 +91,60 @@ def parts_of(campaign: Campaign, table: pl.DataFrame) -> dict[str, pl.DataFrame]
     rows = table.select(keys).unique().sort(keys).rows() if keys else []
     if not 1 < len(rows) <= PARTS:
         return {"all cases": table}
-    out = {}
+    names, out = short_names(keys), {}
     for row in rows:
-        label = ", ".join(f"{key.split('.')[-1]} {value}" for key, value in zip(keys, row, strict=True))
+        label = ", ".join(f"{name} {value}" for name, value in zip(names, row, strict=True))
         here = pl.all_horizontal([pl.col(key).eq_missing(value) for key, value in zip(keys, row, strict=True)])
         out[label] = table.filter(here)
     return out
 
 
+def short_names(keys: Sequence[str]) -> list[str]:
+    """Of each dotted key as few of its last steps as no other key ends with."""
+    out = []
+    for key in keys:
+        steps = key.split(".")
+        ends = (".".join(steps[k:]) for k in range(len(steps) - 1, -1, -1))
+        out.append(next((end for end in ends if sum(f".{k}".endswith(f".{end}") for k in keys) == 1), key))
+    return out
+
+
+def ended(table: pl.DataFrame) -> str:
+    """How many missions ended in time, and missed a waypoint, in a sentence; of other kinds nothing."""
+    if not set(COUNTED) <= set(table.columns):
+        return ""
+    many, missed = (_above_zero(table, name) for name in COUNTED)
+    return f"{many} of {table.height} missions ended in time; in {missed} a waypoint was missed."
+
+
+def _above_zero(table: pl.DataFrame, name: str) -> int:
+    return int((_numbers(table, name) > 0).sum())
+
+
 def by_part(parts: Mapping[str, pl.DataFrame], names: Sequence[str]) -> ScoreTable:
-    """Of each figure, for each part: the median, and the value that 95 % of the cases do not exceed."""
-    rows = []
+    """For each part how many finished; of each figure the median, and the value that 95 % do not exceed.
+
+    Where not all cases of a part have a figure, n is how many do.
+    """
+    rows = [
+        (called, *(f"{_above_zero(table, name)} of {table.height}" for table in parts.values()))
+        for name, called in COUNTED.items()
+        if all(name in table.columns for table in parts.values())
+    ]
     for name in names:
         cells = []
         for table in parts.values():
             values = _numbers(table, name)
             values = values[np.isfinite(values)]
-            quantile_pair = np.quantile(values, [0.5, 0.95]) if len(values) else (np.nan, np.nan)
-            cells.append(f"{quantile_pair[0]:.3g} ({quantile_pair[1]:.3g})" if len(values) else "-")
+            median, most = np.quantile(values, [0.5, 0.95]) if len(values) else (np.nan, np.nan)
+            many = f" n={len(values)}" if len(values) < table.height else ""
+            cells.append(f"{median:.3g} ({most:.3g}){many}" if len(values) else "-")
         rows.append((name, *cells))
     return ScoreTable(("figure", *parts), tuple(rows))
 
 
-def _state(campaign: Campaign, cases: Sequence[Case], outcomes: Mapping[str, CaseOutcome], failed: int) -> Section:
+def _state(campaign: Campaign, cases: Sequence[Case], outcomes: Mapping[str, CaseOutcome], table: pl.DataFrame,
+           failed: int) -> Section:  # fmt: skip
     ran = [outcomes[c.id] for c in cases if c.id in outcomes]
     lines = [f"{len(cases)} cases ({campaign.kind}): {len(ran) - failed} done, {failed} failed, "
              f"{len(cases) - len(ran)} not run yet."]  # fmt: skip
@@ -120,10 +153,8 @@ def _state(campaign: Campaign, cases: Sequence[Case], outcomes: Mapping[str, Cas
         seconds = np.array([o.seconds for o in done])
         lines.append(f"One case took {np.median(seconds):.1f} s (median), all of them {seconds.sum() / 3600:.2f} h of "
                      f"one core; {len({o.worker for o in done})} processes took part.")  # fmt: skip
-    if campaign.kind == "missions" and done:
-        ended = sum(o.figures["finished"] is True for o in done)
-        missed = sum(o.figures["waypoints_missed"] != 0 for o in done)
-        lines.append(f"{ended} missions ended on station in time; in {missed} a waypoint was missed.")
+    if how := ended(table):
+        lines.append(how)
     return Section("What was run", tuple(lines), look=bool(failed) or len(ran) < len(cases))
 
 
@@ -145,12 +176,14 @@ def _pictures(campaign: Campaign, table: pl.DataFrame) -> list[Section]:
     sections = []
     if names:
         columns = {part: {n: _numbers(rows, n) for n in names} for part, rows in parts.items()}
-        one = "Lines: median and, dashed, the value that 95 % of the cases do not exceed."
-        many = "For each point of the grid the share of its cases that are at most so large."
+        one = "Of the cases that have the figure; lines: median and, dashed, the value that 95 % of them do not exceed."
+        many = ("For each point of the grid the share of all its cases that are at most so large. Where a curve ends "
+                "below 100 %, the other cases have no such figure.")  # fmt: skip
         figure = pictures.distributions(columns, names)
         sections.append(Section("Distributions", figures=((figure, one if len(parts) == 1 else many),)))
     if len(parts) > 1 and names:
-        sections.append(Section("By point of the grid", tables=(by_part(parts, names),), note="Median (95 %)."))
+        note = "Median (95 %) of the cases that have the figure; n: how many, where not all have it."
+        sections.append(Section("By point of the grid", tables=(by_part(parts, names),), note=note))
     for name in (n for n in WORDS[campaign.kind] if n in table.columns and table[n].n_unique() > 1):
         counts = {part: Counter(str(v) if v is not None else "" for v in rows[name]) for part, rows in parts.items()}
         figure = pictures.counts(counts)

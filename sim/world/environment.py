@@ -13,32 +13,41 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.effects.current import direction_deg
 from companion.core.model.effects.waves import next_phasor
 from companion.core.model.loads import values
+from sim import world_limits as limits
 
 GUST_TIME_S = 10.0  # assumed
 WAVE_FORCE_N_M = np.array([60.0, 90.0, 15.0])  # amplitude of X, Y [N/m], N [N m/m] per metre of H_s; assumed
 WAVE_TILT_RAD_M = np.array([0.25, 0.15])  # roll, pitch amplitude per metre of H_s; assumed
 
 
+Direction = Annotated[float, Meta(ge=-limits.ANGLE_DEG, le=limits.ANGLE_DEG)]
+
+
 @dataclass(frozen=True)
 class Weather:
-    """What the world is like. Directions in degrees from north: current towards, wind and waves from."""
+    """What the world is like. Directions in degrees from north: current towards, wind and waves from.
 
-    V_c_m_s: float = 0.0
-    beta_c_deg: float = 0.0
-    turn_deg_s: float = 0.0
-    V_w_m_s: float = 0.0
-    beta_w_deg: float = 0.0
-    gustiness: float = 0.0
-    H_s_m: float = 0.0
-    T_p_s: float = 2.0
-    gust_time_s: float = GUST_TIME_S
+    Current, wind, height of waves that nobody states (None) are the vessel file's (`with_terms_of`), or none.
+    """
+
+    V_c_m_s: Annotated[float, Meta(ge=0, le=limits.CURRENT_M_S)] | None = None
+    beta_c_deg: Direction = 0.0
+    turn_deg_s: Annotated[float, Meta(ge=-limits.TURN_DEG_S, le=limits.TURN_DEG_S)] = 0.0
+    V_w_m_s: Annotated[float, Meta(ge=0, le=limits.WIND_M_S)] | None = None
+    beta_w_deg: Direction = 0.0
+    gustiness: Annotated[float, Meta(ge=0, le=limits.GUSTINESS)] = 0.0
+    H_s_m: Annotated[float, Meta(ge=0, le=limits.WAVES_M)] | None = None
+    T_p_s: Annotated[float, Meta(ge=limits.WAVE_PERIOD_S[0], le=limits.WAVE_PERIOD_S[1])] = 2.0
+    gust_time_s: Annotated[float, Meta(ge=limits.GUST_TIME_S[0], le=limits.GUST_TIME_S[1])] = GUST_TIME_S
     waves: Mapping[str, float] | None = None
 
 
@@ -50,15 +59,15 @@ OWN_WEATHER = {
 
 
 def with_terms_of(weather: Weather, vessel: VesselFile) -> Weather:
-    """The weather asked for; where it has no current, wind or waves, those of the vessel file's own terms.
+    """The weather asked for; what it does not state of current, wind and waves is of the vessel file's own terms.
 
     Turn and gusts that are asked for without a speed are those of the file's current and wind, where it states none.
     """
     for name, keys in OWN_WEATHER.items():
-        if name in vessel.terms and not getattr(weather, keys[0]):
+        if name in vessel.terms and getattr(weather, keys[0]) is None:
             own = values(name, vessel.terms[name])
             weather = replace(weather, **{key: own[key] or getattr(weather, key) for key in keys})
-    if "waves" in vessel.terms and not weather.H_s_m:
+    if "waves" in vessel.terms and weather.H_s_m is None:
         weather = replace(weather, waves=values("waves", vessel.terms["waves"]))
     return weather
 
@@ -112,9 +121,9 @@ class Environment:
             waves = WAVE_FORCE_N_M * w.H_s_m * elevation[:3]
             tilt = WAVE_TILT_RAD_M * w.H_s_m * np.array([elevation[3:], *self._slopes(t_s)])
         return Moment(
-            w.V_c_m_s,
+            w.V_c_m_s or 0.0,
             direction_deg(w.beta_c_deg, w.turn_deg_s, t_s),
-            max(0.0, w.V_w_m_s * (1 + self._gust)),
+            max(0.0, (w.V_w_m_s or 0.0) * (1 + self._gust)),
             w.beta_w_deg,
             waves,
             float(tilt[0, 0]),

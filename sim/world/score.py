@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.geometry.frames import ssa
+from companion.core.guidance.missions.draft import Mission
 from companion.core.messages import GroundTruth, GuidanceReference, StateEstimate
 
 CORNER_M = 1.5  # a boat's length: where the course is rounded, "on the leg" means nothing
@@ -43,30 +44,37 @@ def leg_errors(points: np.ndarray, leg: int, places: np.ndarray) -> tuple[np.nda
 
 
 def tracking(track: TrueTrack, points: np.ndarray) -> dict[str, float]:
-    """cross_track_rms_m, surge_rms_error_m_s on straight parts; overshoot_m of the worst corner."""
-    cross, surge, overshoot = [], [], [0.0]
+    """cross_track_rms_m, surge_rms_error_m_s on straight parts; overshoot_m of the worst corner.
+
+    NaN where no straight part, or no corner, was driven.
+    """
+    cross, surge, overshoot = [], [], []
     for leg in range(len(points) - 1):
         driven = track.on_leg & (track.leg == leg)
         x_e, y_e, length = leg_errors(points, leg, track.truth[driven, :2])
         straight = (x_e >= CORNER_M) & (x_e <= length - CORNER_M)
         cross.append(y_e[straight])
         surge.append((track.truth[driven, 3] - track.u_ref[driven])[straight])
-        if leg:
+        if leg and driven.any():
             before = points[leg] - points[leg - 1]
             after = points[leg + 1] - points[leg]
             side = math.copysign(1.0, before[0] * after[1] - before[1] * after[0])
-            late = track.on_leg & (track.leg >= leg)
-            _, swing, _ = leg_errors(points, leg, track.truth[late & (track.leg == leg), :2])
-            overshoot.append(float((-side * swing).max(initial=0.0)))
+            overshoot.append(float((-side * y_e).max(initial=0.0)))
     return {
         "cross_track_rms_m": _rms(np.concatenate([np.zeros(0), *cross])),
         "surge_rms_error_m_s": _rms(np.concatenate([np.zeros(0), *surge])),
-        "overshoot_m": max(overshoot),
+        "overshoot_m": max(overshoot, default=math.nan),
     }
 
 
+def end_heading(mission: Mission) -> float:
+    """Heading to hold at the end [rad]: the mission's, else the last leg's; NaN where there is neither."""
+    wanted, legs = mission.end_heading_rad, mission.path.angles_rad
+    return wanted if wanted is not None else (legs[-1] if legs else math.nan)
+
+
 def station(track: TrueTrack, pose: Sequence[float], over_s: float = SETTLED_S) -> dict[str, float]:
-    """Largest position [m] and heading error [deg] of the truth over the last `over_s`."""
+    """Largest position [m] and heading error [deg] of the truth over the last `over_s`; NaN where `pose` has NaN."""
     last = track.t_s >= track.t_s[-1] - over_s
     away = np.linalg.norm(track.truth[last, :2] - np.asarray(pose[:2]), axis=1)
     turn = [abs(ssa(float(psi) - pose[2])) for psi in track.truth[last, 2]]

@@ -13,8 +13,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
 from companion.core.configuration.sensors import Imu, Uwb
 from companion.core.configuration.site_file import Anchor
@@ -29,6 +31,7 @@ from companion.core.model.sensor_errors import (
 )
 from sim.world.environment import Moment
 from sim.world.plant import Motion
+from sim.world_limits import FAR_READING_M
 
 TILT_SIGMA_RAD = 0.002  # noise of the autopilot's roll and pitch; assumed
 
@@ -37,9 +40,9 @@ TILT_SIGMA_RAD = 0.002  # noise of the autopilot's roll and pitch; assumed
 class UwbFaults:
     """Chances per range: silent, or non-line-of-sight with an extra path of up to `nlos_m`."""
 
-    dropout: float = 0.0
-    nlos: float = 0.0
-    nlos_m: float = 3.0
+    dropout: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    nlos: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    nlos_m: Annotated[float, Meta(ge=0, le=FAR_READING_M)] = 3.0
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ run = "{EXAMPLES / "aritra.toml"}"
 mission = "leg.toml"
 [missions]
 limit_s = 8.0
+station_s = 1.0
 [grid]
 weather.V_c_m_s = [0.0, 0.1]
 [draw]

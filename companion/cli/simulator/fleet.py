@@ -20,6 +20,7 @@ from msgspec.structs import replace
 from companion.boat.load_run import RunSetup
 from companion.boat.uplink.telemetry import boat_name
 from companion.cli.options.run_file_text import absolute, toml_of
+from companion.cli.options.values import DIGITS
 from companion.core.configuration.run_file import RunFile, TelemetryLink
 from companion.core.configuration.tables import ConfigError
 
@@ -54,8 +55,8 @@ def names_of(text: str, one: str) -> tuple[str, ...]:
 
     Raises ConfigError.
     """
-    if text.isdigit():
-        if not 1 <= int(text) <= MOST:
+    if text.isdecimal():
+        if len(text) > DIGITS or not 1 <= int(text) <= MOST:
             raise ConfigError(f"--boats: {text}: expected 1 to {MOST}")
         return tuple(f"{one}-{k}" for k in range(1, int(text) + 1))
     names = tuple(name.strip() for name in text.split(","))

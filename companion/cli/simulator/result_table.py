@@ -78,7 +78,7 @@ def lines(figures: Figures, stopped: str) -> Iterator[Text]:
     for head, rows in GROUPS.items():
         yield Text(head, style="bold")
         for key, name, unit, meaning in rows:
-            if (value := figures.get(key)) is not None:
+            if math.isfinite(value := figures.get(key, math.nan)):
                 shown = str(value) if isinstance(value, int) else f"{value:.3f}"
                 missed = value > GOALS_MS.get(key, math.inf)
                 goal = f"; goal {GOALS_MS[key]:g}{': missed' * missed}" if key in GOALS_MS else ""

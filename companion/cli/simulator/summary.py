@@ -25,7 +25,7 @@ from companion.core.messages import (
 )
 from companion.core.pilot.pilot import PilotSettings
 from companion.logs.log_file import LogFile
-from sim.world.score import TrueTrack, estimation, station, track_of, tracking
+from sim.world.score import TrueTrack, end_heading, estimation, station, track_of, tracking
 
 KINDS = (
     GuidanceReference, LoopTiming, ModeStatus, OverrideLease, PlanResult, ProcessStats, StateEstimate, Tick, UwbRanges,
@@ -60,7 +60,7 @@ def summarise(run_log: Path, truth_log: Path, settings: PilotSettings) -> DemoSc
     passed = max((r.waypoints_passed for r in messages[GuidanceReference]), default=0)
     figures: dict[str, float | int] = {"waypoints_total": len(points), "waypoints_passed": passed}
     if len(track.t_s):
-        pose = (*points[-1], end_heading(settings))
+        pose = (*points[-1], end_heading(settings.mission))
         arrived = settings.guidance.end == "station" and passed == len(points)
         kept = station(track, pose) if arrived else {}
         figures |= tracking(track, points) | kept | estimation(track)
@@ -86,12 +86,6 @@ def why_stopped(messages: dict[type[Message], list[Any]]) -> str:
     else:
         return ""
     return f"driving was stopped after {(stop.t_ns - ticks[0].t_ns) * 1e-9:.1f} s: {why}"
-
-
-def end_heading(settings: PilotSettings) -> float:
-    """Heading to hold at the end [rad]: the mission's, else the last leg's; NaN where there is neither."""
-    wanted, legs = settings.mission.end_heading_rad, settings.mission.path.angles_rad
-    return wanted if wanted is not None else (legs[-1] if legs else math.nan)
 
 
 def _timing(messages: dict[type[Message], list[Any]]) -> dict[str, float | int]:

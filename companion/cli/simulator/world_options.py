@@ -1,7 +1,4 @@
-"""What world `aritra sim`, `demo` and `excite fly` simulate: the boat's start, weather, errors; from the command line.
-
-Ranges keep out what no basin has and what the simulator was never meant for; assumed, and generous.
-"""
+"""What world `aritra sim`, `demo` and `excite fly` simulate, from the command line: the start, weather, errors."""
 
 from __future__ import annotations
 
@@ -12,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 from companion.boat.load_run import RunSetup
 from companion.cli.options.values import Each, angle_deg, number, seed, share
 from companion.core.configuration.tables import ConfigError
+from sim.world_limits import CURRENT_M_S, FARTHEST_M, MISMATCH, WAVES_M, WIND_M_S
 
 if TYPE_CHECKING:
     from sim.world.world import WorldSetup
 
-FARTHEST_M, CURRENT_M_S, WIND_M_S, WAVES_M, MISMATCH = 10_000.0, 10.0, 60.0, 10.0, 0.5
-"""Largest place, current, wind, significant height of waves, and share that the plant is off its vessel file."""
 START = (8.0, 8.0, 20.0)
 """Where a simulated boat begins: north, east [m], heading [deg]."""
+NOT_STATED = "left out: the vessel file's, or none"
 place_m = number(-FARTHEST_M, FARTHEST_M, "a place [m]")
 
 
@@ -30,28 +27,28 @@ def add_world_arguments(p: argparse.ArgumentParser) -> None:
     begins = f"place [m] and heading (default: {' '.join(f'{value:g}' for value in START)})"
     _each(w, "--start", START, ("N", "E", "DEG"), (place_m, place_m, angle_deg), begins)
     flow, air = number(0.0, CURRENT_M_S, "a current [m/s]"), number(0.0, WIND_M_S, "a wind [m/s]")
-    _each(w, "--current", (0.0, 0.0), ("M/S", "DEG"), (flow, angle_deg), "towards")
-    _each(w, "--wind", (0.0, 0.0), ("M/S", "DEG"), (air, angle_deg), "from")
+    _each(w, "--current", None, ("M/S", "DEG"), (flow, angle_deg), f"towards; {NOT_STATED}")
+    _each(w, "--wind", None, ("M/S", "DEG"), (air, angle_deg), f"from; {NOT_STATED}")
     w.add_argument("--gusts", type=share, default=0.2, metavar="SHARE", help="standard deviation of wind speed, share")
     height = number(0.0, WAVES_M, "a height [m]")
-    w.add_argument("--waves", type=height, default=0.0, metavar="M", help="significant height")
+    w.add_argument("--waves", type=height, metavar="M", help=f"significant height; {NOT_STATED}")
     off = number(0.0, MISMATCH, "a share")
     w.add_argument("--mismatch", type=off, default=0.0, metavar="SHARE", help="plant off its vessel file by up to")
     w.add_argument("--nlos", type=share, default=0.0, metavar="SHARE", help="of UWB ranges that read far")
     w.add_argument("--dropout", type=share, default=0.0, metavar="SHARE", help="of UWB ranges that are missing")
 
 
-def _each(group: Any, name: str, default: tuple, metavar: tuple, kinds: tuple, text: str) -> None:
+def _each(group: Any, name: str, default: tuple | None, metavar: tuple, kinds: tuple, text: str) -> None:
     group.add_argument(name, action=Each, kinds=kinds, default=default, metavar=metavar, help=text)
 
 
 def world_arguments(args: argparse.Namespace) -> list[str]:
     """The world's options as a command line, to hand them on to a process of its own."""
     arguments: list[str] = ["--seed", str(args.seed)]
-    for name in ("start", "current", "wind"):
-        arguments += [f"--{name}", *map(str, getattr(args, name))]
-    for name in ("gusts", "waves", "mismatch", "nlos", "dropout"):
-        arguments += [f"--{name}", str(getattr(args, name))]
+    for name in ("start", "current", "wind", "gusts", "waves", "mismatch", "nlos", "dropout"):
+        value = getattr(args, name)
+        if value is not None:
+            arguments += [f"--{name}", *map(str, value if isinstance(value, tuple) else (value,))]
     return arguments
 
 
@@ -63,15 +60,17 @@ def world_setup(args: argparse.Namespace, setup: RunSetup) -> WorldSetup:
     from sim.world.world import WorldSetup
 
     north_m, east_m, heading_deg = args.start
+    V_c_m_s, beta_c_deg = args.current or (None, 0.0)
+    V_w_m_s, beta_w_deg = args.wind or (None, 0.0)
     return WorldSetup(
         setup.pilot.vessel,
         setup.pilot.site,
         start=(north_m, east_m, math.radians(heading_deg)),
         weather=Weather(
-            V_c_m_s=args.current[0],
-            beta_c_deg=args.current[1],
-            V_w_m_s=args.wind[0],
-            beta_w_deg=args.wind[1],
+            V_c_m_s=V_c_m_s,
+            beta_c_deg=beta_c_deg,
+            V_w_m_s=V_w_m_s,
+            beta_w_deg=beta_w_deg,
             gustiness=args.gusts,
             H_s_m=args.waves,
         ),

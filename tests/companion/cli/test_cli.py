@@ -165,6 +165,9 @@ def test_the_demo_hands_the_world_on_to_its_simulator():
     args = world.parse_args(given)
     assert world.parse_args(world_arguments(args)) == args != world.parse_args([])
     assert parser().parse_args(["demo", *given]).wind == parser().parse_args(["sim", *given]).wind
+    for given in ([], ["--current", "0", "0"], ["--waves", "0"]):  # what is not stated is not 0
+        args = world.parse_args(given)
+        assert world.parse_args(world_arguments(args)) == args
 
 
 BROKEN = """

@@ -121,7 +121,7 @@ def _lines(runs: dict[tuple[int, str], list[Driven]], boats: list[int]) -> Itera
             yield information(f"{name}: cross-track rms over the true model's", overall, "", note)
             yield information(f"{name}: waypoints missed", missed, "", f"fewest ticks driven by a plan {plans:.3f}")
         surge = _rms([d.surge_rms_error_m_s for d in mine])
-        over = max(d.overshoot_m for d in mine)
+        over = np.nanmax([d.overshoot_m for d in mine])
         took = np.median([d.seconds for d in mine])
         yield information(f"{name}: surge error, rms", surge, "m/s", f"overshoot {over:.2f} m, mission {took:.0f} s")
 

@@ -223,7 +223,7 @@ def by_chance(seeds: int) -> Iterator[tuple[str, float | None]]:
 def drawn_in_world(vessel: VesselFile) -> dict[str, float]:
     """Parameters by which the simulated world draws gusts, waves, and fixes without line of sight of a vessel file."""
     weather, uwb = with_terms_of(Weather(), vessel), vessel.sensors.tag
-    of_air = {k: getattr(weather, k) for k in ("V_w_m_s", "beta_w_deg", "gustiness", "gust_time_s")}
+    of_air = {k: getattr(weather, k) or 0.0 for k in ("V_w_m_s", "beta_w_deg", "gustiness", "gust_time_s")}
     hidden = hidden_anchor(uwb, corner_anchors())
     of_uwb = {"share": uwb.nlos_share, "extra_m": uwb.nlos_extra_m, "anchor": float(hidden.id) if hidden else np.nan}
     return of_air | dict(weather.waves or {}) | of_uwb

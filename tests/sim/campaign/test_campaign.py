@@ -117,6 +117,16 @@ def test_ctrl_c_while_a_line_is_put_on_disk_leaves_no_case_out_of_the_tables(tmp
         assert len(calls) >= 4 and set(done.results["case"]) == set(kept.outcomes) and len(kept.outcomes) == 3
 
 
+def test_a_report_that_cannot_be_made_costs_no_table(tmp_path, monkeypatch):
+    def broken(*args) -> str:
+        raise ValueError("of a picture")
+
+    monkeypatch.setattr(campaign, "summary", broken)
+    with pytest.raises(ValueError, match="of a picture"):
+        call(tmp_path / "out", campaign_file(tmp_path), pretend())
+    assert pl.read_parquet(tmp_path / "out" / "results.parquet").height == 8
+
+
 @pytest.mark.parametrize("keep", range(1, 120, 7))
 def test_a_journal_cut_anywhere_goes_on(tmp_path, keep):
     path, out = campaign_file(tmp_path), tmp_path / "out"
@@ -169,7 +179,7 @@ def test_the_page_stands_alone_and_says_what_it_rests_on(tmp_path):
     page = call(tmp_path / "out", path, pretend()).page
     assert not re.search(r"https?://|<script|<link|@import", page)
     assert page.count("data:image/png;base64,") == 1
-    for words in ("24 missions ended on station", "V_c_m_s 0.0", "V_c_m_s 0.1", "leg.toml", "[draw]", "for tests"):
+    for words in ("24 of 24 missions ended in time", "V_c_m_s 0.0", "V_c_m_s 0.1", "leg.toml", "[draw]", "for tests"):
         assert words in page
 
 
@@ -197,5 +207,41 @@ def test_in_a_terminal_points_of_a_grid_stand_beside_each_other_where_they_fit(v
     path.write_text(text.replace("V_c_m_s = [0.0, 0.1]", f"V_c_m_s = {values}"))
     found = report.narrow(read_campaign(path)[0].campaign, call(tmp_path / "out", path, pretend()).results)
     heads = [f"V_c_m_s {v}" for v in values] if beside else list(report.NARROW[1:])
-    assert list(found.head[1:]) == heads and [row[0] for row in found.rows] == ["nees"]
+    counted = ["finished", "waypoint missed"] if beside else []
+    assert list(found.head[1:]) == heads and [row[0] for row in found.rows] == [*counted, "nees"]
     assert {len(row) for row in found.rows} == {len(found.head)}
+
+
+@pytest.mark.parametrize(
+    ("keys", "names"),
+    [
+        (["weather.V_c_m_s", "world.mismatch"], ["V_c_m_s", "mismatch"]),
+        (["vessel.thrusters.port.gain", "vessel.thrusters.bow.gain"], ["port.gain", "bow.gain"]),
+        (["truth.hull.length_m", "vessel.hull.length_m"], ["truth.hull.length_m", "vessel.hull.length_m"]),
+        (["a.b", "x.a.b"], ["a.b", "x.a.b"]),
+    ],
+)
+def test_points_of_a_grid_are_told_by_names_that_tell_them_apart(keys, names):
+    assert report.short_names(keys) == names
+
+
+def test_figures_of_some_cases_alone_are_told_as_such(tmp_path):
+    """In the current one of four missions finishes: its error is not the error of that point."""
+
+    def run(works):
+        for work in works:
+            done = work.values["weather.V_c_m_s"] == 0.0 or work.seed == 1
+            told = {"finished": done, "waypoints_missed": 0 if done else 2, "station_error_m": 0.1 if done else None}
+            yield CaseOutcome(id=work.id, figures=told, program=PROGRAM)
+
+    path = campaign_file(tmp_path)
+    done = call(tmp_path / "out", path, run)
+    found = report.narrow(read_campaign(path)[0].campaign, done.results)
+    assert found.rows == (
+        ("finished", "4 of 4", "1 of 4"),
+        ("waypoint missed", "0 of 4", "3 of 4"),
+        ("station_error_m", "0.1 (0.1)", "0.1 (0.1) n=1"),
+    )
+    assert report.ended(done.results) == "5 of 8 missions ended in time; in 3 a waypoint was missed."
+    for words in ("0.1 (0.1) n=1", "1 of 4", "5 of 8 missions ended in time"):
+        assert words in done.page

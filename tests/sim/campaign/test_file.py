@@ -54,6 +54,11 @@ def test_more_seeds_and_points_leave_the_cases_that_were_there(seeds, current, m
     }
 
 
+def test_a_fraction_beside_whole_numbers_leaves_their_cases():
+    whole, among = made([1, 2], [0, 4]), made([1, 2], [0, 2.5, 4, 1e300])
+    assert {c.id for c in whole} < {c.id for c in among} and len(among) == 8
+
+
 @given(many_seeds, many_numbers)
 def test_the_order_in_which_a_file_says_things_names_nothing(seeds, current):
     backwards = made(seeds[::-1], current[::-1])
@@ -134,6 +139,7 @@ world.mismatch = 0.1
     gains = {t.name: t.gain for t in found.truth.thrusters}
     assert gains["rear_port"] == 0.7 and {t.gain for t in found.vessel.thrusters} == {1.0}
     assert (found.weather.V_c_m_s, found.faults.dropout, found.world.mismatch) == (0.1, 0.2, 0.1)
+    assert found.weather.V_w_m_s is None, "what is not stated is not 0"
     assert found.world.north_m == case.values["world.north_m"]
     assert [w.north_m for w in found.setup.pilot.mission.path.waypoints] == [9.0, 13.0]
 
@@ -177,6 +183,14 @@ def test_every_key_is_in_the_reference():
     assert wanted - words == set()
 
 
+def test_files_of_editors_that_begin_with_a_byte_order_mark_are_read(tmp_path):
+    path = campaign_file(tmp_path)
+    plain = [case.shown for case in cases_of(path)]
+    for file in (path, tmp_path / "leg.toml"):
+        file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    assert sorted(map(str, plain)) == sorted(str(case.shown) for case in cases_of(path))
+
+
 # --- bad files -----------------------------------------------------------------------------------------------
 
 GRID = "weather.V_c_m_s = [0.0, 0.1]"
@@ -196,6 +210,9 @@ GRID = "weather.V_c_m_s = [0.0, 0.1]"
         ("[missions]", "[identify]\n[missions]", 'identify: kind is "missions"'),
         ("limit_s = 8.0", "limits_s = 10.0", "missions.limits_s: unknown key"),
         ("limit_s = 8.0", "limit_s = -1.0", "missions.limit_s: "),
+        ("limit_s = 8.0", "limit_s = 0.5", "missions: limit_s: expected more than station_s (1 s)"),
+        (GRID, f'{GRID}\n"weather.V_c_m_s" = [0.3]', "grid.weather.V_c_m_s: is there twice"),
+        ("[7.5, 8.5]", "[-1e308, 1e308]", "uniform: expected numbers that lie closer together"),
         ('mission = "leg.toml"', 'mission = "gone.toml"', "files.mission: gone.toml: No such file"),
         ('mission = "leg.toml"', 'log = "leg.toml"', "files.log: unknown key; of missions there are run, vessel"),
         ('mission = "leg.toml"', 'mission = "short.toml"', "short.toml: (file): is a campaign file; expected"),
@@ -209,6 +226,17 @@ GRID = "weather.V_c_m_s = [0.0, 0.1]"
         (GRID, "weather.V_d_m_s = [0.1]", "grid.weather.V_d_m_s = 0.1: weather.V_d_m_s: unknown key; there are V_"),
         (GRID, 'weather.V_c_m_s = ["calm"]', "grid.weather.V_c_m_s = 'calm': weather.V_c_m_s: "),
         (GRID, "world.mismatch = [2.0]", "grid.world.mismatch = 2.0: world.mismatch: "),
+        (GRID, "weather.V_w_m_s = [-4.0]", "weather.V_w_m_s = -4.0: weather.V_w_m_s: expected a number >= 0"),
+        (GRID, "weather.V_c_m_s = [100.0]", "weather.V_c_m_s: expected a number <= 10"),
+        (GRID, "weather.gust_time_s = [-10.0]", "weather.gust_time_s: expected a number >= 0.1"),
+        (GRID, "weather.T_p_s = [0.0]", "weather.T_p_s: expected a number >= 0.2"),
+        (GRID, "weather.H_s_m = [-0.1]", "weather.H_s_m: expected a number >= 0"),
+        (GRID, "weather.gustiness = [-0.2]", "weather.gustiness: expected a number >= 0"),
+        (GRID, "faults.dropout = [5.0]", "faults.dropout: expected a number <= 1"),
+        (GRID, "faults.nlos = [-1.0]", "faults.nlos: expected a number >= 0"),
+        (GRID, "faults.nlos_m = [-3.0]", "faults.nlos_m: expected a number >= 0"),
+        ("[draw]\nworld.north_m = { uniform = [7.5, 8.5] }", "world.north_m = [8.0, 5000.0]",
+         "world.north_m, world.east_m: a start at north 5000, east 6 m lies beyond the fence of site"),
         (GRID, "wether.V_c_m_s = [0.1]", "wether.V_c_m_s: keys of missions begin with run, vessel, truth"),
         (GRID, "vessel.inertia.mass_kg = [45.0, -1.0]", "grid.vessel.inertia.mass_kg = -1.0: "),
         (GRID, "vessel.inertia.mass = [45.0]", "inertia.mass: unknown key"),

@@ -80,6 +80,11 @@ def test_a_mission_that_never_begins_has_no_figures_of_driving(tmp_path):
     )
 
 
+def test_a_drawn_start_beyond_the_fence_fails_as_a_case(tmp_path):
+    inputs, cases = read_campaign(campaign_file(tmp_path, old="[7.5, 8.5]", new="[500.0, 501.0]"))
+    assert "beyond the fence" in run_work(inputs.work(cases[0])).error
+
+
 @pytest.mark.parametrize(
     ("ticks", "leases", "wrong"),
     [([0, 1], [0, 1], False), ([0, 1], [0], False), ([0, 1], [], True), ([0, 1], [1], True), ([0], [0, 0], True)],

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from sim.world.environment import GUST_TIME_S, Environment, Weather
+from sim.world.environment import GUST_TIME_S, Environment, Weather, with_terms_of
+from tests.support.vessel_fixtures import boat
 
 DT = 0.01
 
@@ -64,3 +66,17 @@ def test_the_seed_decides():
         return [(m.V_w_m_s, *m.wave_n, m.phi_rad, m.theta_rad) for m in history(rough, seed, 3)]
 
     assert numbers(1) == numbers(1) != numbers(2)
+
+
+def test_what_the_weather_does_not_state_is_the_vessel_files_and_zero_is_none():
+    terms = {"current": {"V_c_m_s": 0.1}, "wind": {"V_w_m_s": 4.0}, "waves": {"F_w_N": 2.0}}
+    vessel = replace(boat("aritra"), terms={name: {**term, "source": "test"} for name, term in terms.items()})
+    for weather, wanted in (
+        (Weather(), (0.1, 4.0, 2.0)),
+        (Weather(V_c_m_s=0.0), (0.0, 4.0, 2.0)),
+        (Weather(V_w_m_s=0.0), (0.1, 0.0, 2.0)),
+        (Weather(0.0, V_w_m_s=0.0, H_s_m=0.0), (0.0, 0.0, None)),
+        (Weather(0.3, V_w_m_s=1.0, H_s_m=0.1), (0.3, 1.0, None)),
+    ):
+        found = with_terms_of(weather, vessel)
+        assert (found.V_c_m_s, found.V_w_m_s, (found.waves or {}).get("F_w_N")) == wanted

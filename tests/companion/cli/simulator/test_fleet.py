@@ -48,6 +48,8 @@ def test_a_number_of_boats_is_called_after_the_one():
         ("anna,bob,anna", "--boats: 'anna' is there twice: on shore the two would be one"),
         ("0", "--boats: 0: expected 1 to 100"),
         (str(MOST + 1), "expected 1 to 100"),
+        ("²", "--boats: '²': expected 1 to 40 letters"),
+        ("9" * 5000, "expected 1 to 100"),
         ("-3", None),
         ("anna,", "--boats: '': expected 1 to 40 letters"),
         ("anna/../bob", "expected 1 to 40 letters"),

@@ -21,7 +21,7 @@ from sim.fitting.diagnose import job as diagnosis
 from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.identify import job as identification
-from sim.world.environment import Weather
+from sim.world.environment import Weather, with_terms_of
 from sim.world.teleop_log import teleop_run
 
 TRUTH = "true_"
@@ -87,7 +87,8 @@ def diagnose_figures(case: CaseSetup, work: Work) -> dict[str, Figure]:
 def _logs(case: CaseSetup, work: Work, drive_s: float | None) -> list[NamedLog]:
     if drive_s is None:
         return [NamedLog(run.meta.source, run) for run in _read(work, case, "log")]
-    run = _drive(case.truth, case.vessel, work.seed, drive_s, case.weather)
+    weather = with_terms_of(case.weather, case.truth)
+    run = _drive(case.truth, case.vessel, work.seed, drive_s, weather)
     return [NamedLog(run.meta.source, run)]
 
 

@@ -100,7 +100,7 @@ def in_weather(model: StructuredModel, current: Any = None, wind: Any = None) ->
         sky["current"] = {"V_c_m_s": current[0], "beta_c_deg": current[1]}
     if wind is not None:
         shape = model.term_values.get("wind") or values("wind", {})
-        sky["wind"] = shape | {"V_w_m_s": wind[0], "beta_w_deg": wind[1], "gustiness": 0.0}
+        sky["wind"] = {**shape, "V_w_m_s": wind[0], "beta_w_deg": wind[1], "gustiness": 0.0}
     return replace(model, term_values=sky)
 
 

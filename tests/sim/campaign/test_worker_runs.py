@@ -3,6 +3,7 @@
 import pytest
 
 from companion.logs.readers.table import write_run
+from sim.campaign import fits
 from sim.campaign.inputs import read_campaign
 from sim.campaign.mission import unleased
 from sim.campaign.runners.worker import program, run_work
@@ -40,6 +41,22 @@ def test_an_identification_of_a_simulated_drive_is_judged_by_its_truth(tmp_path)
     assert f["intervals_that_hold"] > 0.7 and "relative_error_structured" in f
     assert outcome.program == program() and outcome.seconds > 0
     assert run_work(work).figures == f, "the same bits again"
+
+
+@pytest.mark.parametrize(
+    ("said", "V_c_m_s"), [("", 0.2), ("weather.V_c_m_s = 0.05", 0.05), ("weather.V_c_m_s = 0.0", 0.0)]
+)
+def test_the_true_boats_own_current_flows_where_the_campaign_states_none(tmp_path, monkeypatch, said, V_c_m_s):
+    seen = []
+
+    def drive(*_, weather, **__):
+        seen.append(weather.V_c_m_s)
+        raise ValueError("far enough")
+
+    monkeypatch.setattr(fits, "teleop_run", drive)
+    more = f"[identify]\ndrive_s = 60.0\n[set]\ntruth.terms.current.V_c_m_s = 0.2\n{said}"
+    (work,) = works(tmp_path, "identify", more)
+    assert "far enough" in run_work(work).error and seen == [V_c_m_s]
 
 
 @pytest.mark.long

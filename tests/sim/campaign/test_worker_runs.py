@@ -21,9 +21,9 @@ vessel = "{vessel}"
 """
 
 
-def works(folder, kind, more):
+def works(folder, kind, more, vessel=BOATS / "aritra.toml"):
     path = folder / "fits.toml"
-    path.write_text(HEAD.format(kind=kind, vessel=BOATS / "aritra.toml", more=more))
+    path.write_text(HEAD.format(kind=kind, vessel=vessel, more=more))
     inputs, cases = read_campaign(path)
     return [inputs.work(case) for case in cases]
 
@@ -54,8 +54,9 @@ def test_the_true_boats_own_current_flows_where_the_campaign_states_none(tmp_pat
         raise ValueError("far enough")
 
     monkeypatch.setattr(fits, "teleop_run", drive)
-    more = f"[identify]\ndrive_s = 60.0\n[set]\ntruth.terms.current.V_c_m_s = 0.2\n{said}"
-    (work,) = works(tmp_path, "identify", more)
+    vessel, terms = tmp_path / "boat.toml", '[terms.current]\nV_c_m_s = 0.2\nsource = "assumed"\n'
+    vessel.write_text(f"{(BOATS / 'aritra.toml').read_text()}\n{terms}")
+    (work,) = works(tmp_path, "identify", f"[identify]\ndrive_s = 60.0\n[set]\n{said}", vessel)
     assert "far enough" in run_work(work).error and seen == [V_c_m_s]
 
 

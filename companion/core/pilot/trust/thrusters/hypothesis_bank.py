@@ -1,6 +1,6 @@
 """Which thruster does not do what it is told: a bank of Kalman filters on the wrench that the model does not explain.
 
-    w_k = d + sum_i a_i f_i b_i + offset_h + noise         b_i: column i of B, f_i: commanded force [N]
+    w_k = d + sum_i a_i f_i b_i + offset_h + waves + noise     b_i: column i of B, f_i: commanded force [N]
 
     sound        a_i small (thrusters off by some per cent), d small and slow
     gain i       a_i free: the gain is 1 + a_i             offset 0
@@ -13,17 +13,19 @@
 
 Each against `sound` by a cumulative sum of log-likelihood ratios (Page 1954; Willsky and Jones 1976, generalised
 likelihood ratio): where the sum falls to 0 the hypothesis begins afresh from `sound`, so it need not know when a fault
-began. All filters are one batch of arrays.
+began. All filters are one batch of arrays; each has states of the waves (`wave_noise`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+
+from companion.core.pilot.trust.thrusters.wave_noise import transition
 
 D_SIGMA = {"pushed": (30.0, 30.0, 5.0), "accel": (0.6, 0.6, 1.2)}
 SOUND_D = (3.0, 3.0, 1.2)
@@ -40,6 +42,9 @@ Assumed."""
 NOISE = (2.5, 3.5, 0.8)
 """Of a residual over one tick [N, N, N m]: accelerometer 0.05 m/s^2 at 50 Hz, gyro 0.002 rad/s, and the model's own
 quick errors; assumed."""
+NOISE_VARIANCE = np.square(NOISE)
+WAVE_MARGIN = 4.0
+"""So much larger than in the last three seconds waves may be; assumed."""
 NOISE_TICKS = 30
 """So many residuals of a bank that begins tell how large they are in waves; assumed: a period and more."""
 TEMPER = 0.4
@@ -93,7 +98,7 @@ def hypotheses(n: int) -> tuple[ThrustHypothesis, ...]:
 
 @dataclass(frozen=True, eq=False)
 class BankState:
-    """Batch of K filters: mean (K, 4 + n) of [d a c], covariance, sum of log-likelihood ratios (K,) [nats].
+    """Batch of K filters: mean (K, 10 + n) of [d a waves c], covariance, sum of log-likelihood ratios (K,) [nats].
 
     `age_s`: since each began afresh (K,); `noise`: mean square of the change of w in half a second that each leaves
     unexplained (K, 3); `past`: the last residuals and forces; `count`: of all.
@@ -115,16 +120,16 @@ class ThrusterBank:
         self.B, self._M, n = B, M, B.shape[1]
         self.hypotheses = hypotheses(n)
         K, self._n = len(self.hypotheses), n
-        self._mean0, self._variance0 = np.zeros((K, n + 4)), np.zeros((K, n + 4))
+        self._mean0, self._variance0 = np.zeros((K, n + 10)), np.zeros((K, n + 10))
         self._d_sigma = np.array([D_SIGMA.get(h.kind, SOUND_D) for h in self.hypotheses])
-        self._free = np.zeros((K, n + 4), dtype=bool)
+        self._free = np.zeros((K, n + 10), dtype=bool)
         for k, h in enumerate(self.hypotheses):
-            self._variance0[k] = np.r_[np.square(self._d_sigma[k]), np.full(n, GAIN_SIGMA**2), 0.0]
+            self._variance0[k] = np.r_[np.square(self._d_sigma[k]), np.full(n, GAIN_SIGMA**2), np.zeros(7)]
             if h.kind == "gain":
                 self._mean0[k, 3 + h.i], self._variance0[k, 3 + h.i] = FAULT_GAIN, FAULT_GAIN_SIGMA**2
             elif h.kind == "stuck":
                 self._variance0[k, -1], self._variance0[k, 3 + h.i] = STUCK_SIGMA_N**2, 0.0
-            free = {"gain": [3 + h.i], "stuck": [3 + h.i, n + 3]}.get(h.kind, range(3) if h.kind in D_SIGMA else [])
+            free = {"gain": [3 + h.i], "stuck": [3 + h.i, n + 9]}.get(h.kind, range(3) if h.kind in D_SIGMA else [])
             self._free[k, list(free)] = True
         self._thrusts = np.array([k for k, h in enumerate(self.hypotheses) if k == 0 or h.blames_thrust])
         self._H0, self._by_f, self._offset_f, self._offset_a = self._measurements()
@@ -141,29 +146,24 @@ class ThrusterBank:
         past = (*state.past, (w, f_n))[-6:]
         noise = self._learned(state, past, dt_s)
         best = self._thrusts[np.argmax(state.nats[self._thrusts])]
-        R = _variance(noise[best])
-        known = min(1.0, float((_variance(state.noise[best]) / R).min())) if state.count < NOISE_TICKS else 1.0
-        # 2. predict: d forgets itself in D_TIME_S
-        decay = np.exp(-dt_s / D_TIME_S)
-        mean, P = state.mean.copy(), state.P.copy()
-        mean[:, :3] *= decay
-        P[:, :3, :] *= decay
-        P[:, :, :3] *= decay
-        axes = np.arange(3)
-        P[:, axes, axes] += (1 - decay**2) * self._d_sigma**2
-        P[:, -1, -1] += (state.age_s < SPIN_UP_S) * self._free[:, -1] * SPIN_UP_N**2 * dt_s
+        wave = _wave_variance(noise[best])
+        total = (_wave_variance(state.noise[best]) + NOISE_VARIANCE) / (wave + NOISE_VARIANCE)
+        known = min(1.0, float(total.min())) if state.count < NOISE_TICKS else 1.0
+        # 2. predict
+        mean, P = self._predicted(state, wave, dt_s)
         # 3. innovations of all hypotheses, and their likelihoods
         H = self._H0.copy()
         H[:, :, 3 : 3 + self._n] = self._by_f * f_n
         nu = w - self._offset_f @ f_n - self._offset_a @ a_m_s2 - np.einsum("kij,kj->ki", H, mean)
         HP = H @ P
-        S = HP @ H.transpose(0, 2, 1) + np.diag(R)
+        S = HP @ H.transpose(0, 2, 1) + np.diag(NOISE_VARIANCE)
         inverse = np.linalg.inv(S)
         log_likelihood = -0.5 * (np.einsum("ki,kij,kj->k", nu, inverse, nu) + np.linalg.slogdet(S)[1])
         # 4. update
         K = HP.transpose(0, 2, 1) @ inverse
         mean += np.einsum("kij,kj->ki", K, nu)
         P -= K @ HP
+        P = (P + P.transpose(0, 2, 1)) / 2  # or errors of rounding grow
         # 5. cumulative sums; a hypothesis that is no better than `sound` begins afresh from it
         #    one reading tells MOST at most, of the best against `sound`; what is behind the best stays behind
         gained = TEMPER * (log_likelihood - log_likelihood[0])
@@ -174,7 +174,21 @@ class ThrusterBank:
         nats[anew], anew[0] = 0.0, False
         mean[anew], P[anew] = self._afresh(anew, mean[0], P[0])
         age_s = np.where(anew, 0.0, state.age_s + dt_s)
-        return replace(state, mean=mean, P=P, nats=nats, age_s=age_s, noise=noise, past=past, count=state.count + 1)
+        return BankState(mean, P, nats, age_s, noise, past, state.count + 1)
+
+    def _predicted(self, state: BankState, wave: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """A tick later: d forgets itself in D_TIME_S, waves of variances `wave` (3,) go on, what has just stuck spins
+        up or down.
+        """
+        n, decay, axes = self._n, np.exp(-dt_s / D_TIME_S), np.arange(3)
+        Phi, new = transition(dt_s)
+        F, waves = np.eye(n + 10), slice(n + 3, n + 9)
+        F[axes, axes], F[waves, waves] = decay, np.kron(np.eye(3), Phi)
+        mean, P = state.mean @ F.T, F @ state.P @ F.T
+        P[:, axes, axes] += (1 - decay**2) * self._d_sigma**2
+        P[:, waves, waves] += np.kron(np.diag(wave), new)
+        P[:, -1, -1] += (state.age_s < SPIN_UP_S) * self._free[:, -1] * SPIN_UP_N**2 * dt_s
+        return mean, P
 
     def _learned(self, state: BankState, past: Sequence[tuple[np.ndarray, np.ndarray]], dt_s: float) -> np.ndarray:
         """Noise (K, 3) with one change more: of half a second, without what each hypothesis makes of the forces."""
@@ -193,13 +207,14 @@ class ThrusterBank:
         return np.where(free, self._mean0[which], mean), P
 
     def _measurements(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """H0 (K, 3, 4 + n), by_f and offset_f (K, 3, n), offset_a (K, 3, 2): with these
+        """H0 (K, 3, 10 + n), by_f and offset_f (K, 3, n), offset_a (K, 3, 2): with these
 
-        w = (H0 + [0 by_f * f 0]) x + offset_f f + offset_a a
+        w = (H0 + [0 by_f * f 0 0]) x + offset_f f + offset_a a
         """
         n, K, B = self._n, len(self.hypotheses), self.B
-        H0, by_f, offset_f, offset_a = (np.zeros((K, 3, m)) for m in (n + 4, n, n, 2))
+        H0, by_f, offset_f, offset_a = (np.zeros((K, 3, m)) for m in (n + 10, n, n, 2))
         H0[:, :, :3], by_f[:] = np.eye(3), B
+        H0[:, :, n + 3 : n + 9] = np.kron(np.eye(3), (0.0, 1.0))  # x2 of each axis
         for k, h in enumerate(self.hypotheses):
             if h.kind == "stuck":
                 H0[k, :, -1], by_f[k, :, h.i], offset_f[k, :, h.i] = B[:, h.i], 0.0, -B[:, h.i]
@@ -215,6 +230,6 @@ class ThrusterBank:
         return H0, by_f, offset_f, offset_a
 
 
-def _variance(noise: np.ndarray) -> np.ndarray:
-    """R of a residual (3,), of what the best hypothesis about thrusters leaves: a fault is not noise."""
-    return np.square(NOISE) + 4.0 * np.maximum(noise - np.square(NOISE), 0.0)
+def _wave_variance(noise: np.ndarray) -> np.ndarray:
+    """Of waves (3,): what the best hypothesis about thrusters leaves beyond NOISE; a fault is not noise."""
+    return WAVE_MARGIN * np.maximum(noise - NOISE_VARIANCE, 0.0)

@@ -85,6 +85,35 @@ def test_waves_are_noise_and_no_thruster():
     assert nats < 15.0
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_commands_that_answer_waves_blame_no_thruster(seed):
+    """Thrusters that are off by 20 % follow what waves did 0.3 s ago."""
+    rng, bank = np.random.default_rng([seed, 2]), ThrusterBank(B, M)
+    phase, omega = rng.uniform(0, 6, (8, 3)), rng.uniform(2.4, 3.9, (8, 1))
+    shares, steady = rng.uniform(0.8, 1.2, 4), rng.normal(0, 8, 4)
+    state, answer, most = bank.initial(), -0.7 * np.linalg.pinv(B), 0.0
+    for k in range(1800):
+        wave, before = (
+            np.sum((5.0, 5.0, 1.2) * np.sin(omega * t_s + phase), axis=0) for t_s in (0.1 * k, 0.1 * k - 0.3)
+        )
+        f = steady + answer @ before + rng.normal(0, 0.5, 4)
+        w = wave + B @ ((shares - 1.0) * f) + rng.normal(0, NOISE) / 2
+        state = bank.step(state, w, f, felt(f), 0.1)
+        most = max(most, *(n for n, h in zip(state.nats, bank.hypotheses, strict=True) if h.blames_thrust))
+    assert most < SURE_NATS
+
+
+def test_covariances_stay_covariances_in_twenty_minutes_of_waves_that_come_and_go():
+    rng, bank = np.random.default_rng(9), ThrusterBank(B, M)
+    state = bank.initial()
+    for k in range(12_000):
+        height, f = max(0.0, np.sin(0.002 * k)), rng.normal(0, 20, 4)
+        w = height * np.array([30.0, 30.0, 6.0]) * np.sin(0.3 * k + np.arange(3)) + rng.normal(0, NOISE)
+        state = bank.step(state, w, f, felt(f), 0.1)
+    np.testing.assert_array_equal(state.P, state.P.transpose(0, 2, 1))
+    assert np.linalg.eigvalsh(state.P).min() > -1e-9 * state.P.max()
+
+
 def test_a_thruster_that_is_dead_from_the_beginning_is_not_lost_among_what_is_taken_for_noise():
     hypothesis, nats, mean = told(gain(3, 0.0), 6.0)
     assert hypothesis == ("gain", 3, -1) and nats > SURE_NATS and mean[6] == pytest.approx(-1.0, abs=0.3)
@@ -112,7 +141,7 @@ def test_every_boat_has_its_hypotheses():
 def test_a_thruster_that_spins_up_and_sticks_is_told_from_a_bad_accelerometer_within_a_second(seed):
     rng, bank, f = np.random.default_rng(seed), ThrusterBank(B, M), np.array([2.0, 1.0, 1.0, 2.0])
     state = bank.initial()
-    for k in range(30):
+    for k in range(31):
         stuck_n = f[2] if k < 20 else 45.0 - 44.0 * np.exp(-(k - 19) * 0.1 / 0.15)
         state = bank.step(state, (stuck_n - f[2]) * B[:, 2] + rng.normal(0, NOISE), f, felt(f), 0.1)
     nats = {h: n for h, n in zip(bank.hypotheses, state.nats, strict=True) if h.kind != "pushed"}

@@ -57,7 +57,7 @@ def plot(
     except ImportError:
         raise LogError(f"plots need matplotlib: {how_to_install('analysis')}") from None
     log, console = LogFile(path), console or Console()
-    simulator = open_truth(truth) if truth else None
+    simulator = open_truth(truth, log) if truth else None
     out = out or path.with_suffix(".pdf" if print_mm else ".png")
     new_file(out)
     if print_mm:

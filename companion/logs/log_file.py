@@ -26,6 +26,11 @@ from companion.logs.schema import KINDS, METADATA_NAME, RAW_PREFIX, VIEWER_PREFI
 _DECODERS = {kind: msgspec.json.Decoder(kind) for kind in (*KINDS.values(), RawBytes)}
 
 
+SAME_RUN_NS = 60_000_000_000
+"""Boat and simulator of one run state offsets of the wall clock that agree to some us, where it was not set between
+their starts; assumed."""
+
+
 class LogEntry(NamedTuple):
     """One logged message, not yet decoded. `log_time_ns` is wall clock; `sequence` counts per channel."""
 
@@ -36,12 +41,17 @@ class LogEntry(NamedTuple):
     data: bytes
 
 
-def open_truth(path: Path) -> LogFile:
-    """The simulator's own log. Raises LogError where no ground truth stands in it: a boat's log is no truth."""
-    log = LogFile(path)
-    if next(log.messages(GroundTruth), None) is None:
+def open_truth(path: Path, log: LogFile) -> LogFile:
+    """The simulator's own log beside the boat's. Raises LogError where no ground truth stands in it (a boat's log is no
+    truth), and where it is of another run: both state how far the wall clock is from theirs, which runs share.
+    """
+    truth = LogFile(path)
+    if next(truth.messages(GroundTruth), None) is None:
         raise LogError(f"{path}: holds no ground truth; expected the simulator's own log (truth.mcap)")
-    return log
+    offsets_ns = truth.wall_offset_ns, log.wall_offset_ns
+    if all(offsets_ns) and abs(offsets_ns[0] - offsets_ns[1]) > SAME_RUN_NS:
+        raise LogError(f"{path}: is of another run than {log.path}, by the clocks that both state")
+    return truth
 
 
 class LogFile:

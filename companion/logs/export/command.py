@@ -102,7 +102,8 @@ def export_topics(path: Path, folder: Path, form: str, *, truth: Path | None = N
         from companion.logs.export import tables
     except ImportError:
         raise LogError(NEEDS_POLARS) from None
-    log, simulator, console = LogFile(path), open_truth(truth) if truth else None, Console()
+    log, console = LogFile(path), Console()
+    simulator = open_truth(truth, log) if truth else None
     taken = [*sorted(folder.glob(f"*.{form}")), *folder.glob(tables.INDEX)] if folder.is_dir() else []
     if taken:
         raise LogError(f"{taken[0]}: {AWAY}")
@@ -120,7 +121,8 @@ def export_topics(path: Path, folder: Path, form: str, *, truth: Path | None = N
 
 def export_track(path: Path, out: Path, *, site: Path | None = None, truth: Path | None = None) -> int:
     """Write the track as GeoJSON. Returns the exit code. Raises LogError, ConfigError."""
-    log, simulator = LogFile(path), open_truth(truth) if truth else None
+    log = LogFile(path)
+    simulator = open_truth(truth, log) if truth else None
     new_file(out)
     try:
         chosen = load_site(text_of(site), name=str(site)) if site else None
@@ -152,7 +154,8 @@ def export_rosbag2(path: Path, out: Path, *, truth: Path | None = None) -> int:
         from companion.logs.export import rosbag2
     except ImportError:
         raise LogError(NEEDS_ROSBAGS) from None
-    log, simulator = LogFile(path), open_truth(truth) if truth else None
+    log = LogFile(path)
+    simulator = open_truth(truth, log) if truth else None
     new_file(out, is_folder=True)
     with making(out):
         count, left_out, refused = rosbag2.write(log, out, simulator)

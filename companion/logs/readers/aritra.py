@@ -74,7 +74,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
     notes += [LogProblem(kind="damaged", text=text) for text in log.damage]
     forces_of = channels_in(log.metadata)
     if truth:
-        simulator = open_truth(truth)
+        simulator = open_truth(truth, log)
         forces_of = channels_in(simulator.metadata) or forces_of
         found[GroundTruth] = list(simulator.messages(GroundTruth))
         notes += [LogProblem(kind="damaged", text=text) for text in simulator.damage]

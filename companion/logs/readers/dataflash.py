@@ -8,7 +8,7 @@ Source: https://ardupilot.org/rover/docs/logmessages.html
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from math import radians
 from pathlib import Path
@@ -22,10 +22,11 @@ from companion.core.configuration.imu_filters import late_by_filters
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import unrotate
+from companion.core.sensors.gnss import FIX_3D
 from companion.logs.readers.aritra import attitude_stream, imu_stream, meta_fields
+from companion.logs.readers.gps import good_fixes, gps_known, gps_stream
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.outputs import output_stream
-from companion.logs.readers.positions import geodetic_to_site
 from companion.logs.readers.uwb import UwbLog
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
@@ -37,7 +38,6 @@ _GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix seconds
 LEAP_S = 18
 """GPS time minus UTC since 2017 (IERS Bulletin C)."""
 _WEEK_S = 604_800
-_FIX_3D = 3
 LATEST_US = 10 * 365 * 86_400 * 1_000_000
 """Latest plausible stamp: ten years after boot; assumed."""
 
@@ -82,8 +82,8 @@ def read_dataflash_run(
         streams.append(_beacon(rows["BCN"], site))
         columns["north_m"] = columns["east_m"] = "BCN: the autopilot's beacon position, from the beacons' origin"
         known["latency_s"] = None
-    elif rows["GPS"]:
-        stream, origin_text = gps_stream(rows["GPS"], site)
+    elif fixes := good_fixes(rows["GPS"], vessel, notes):
+        stream, origin_text = gps_stream(fixes, site)
         streams.append(stream)
         columns["north_m"] = columns["east_m"] = f"GPS antenna, {origin_text}"
         known |= gps_known(vessel)
@@ -91,20 +91,6 @@ def read_dataflash_run(
     name = vessel.name if vessel else "not stated"
     meta = RunMeta(vessel=name, source=path.name, clock=clock, columns=columns, notes=tuple(notes), **known)
     return join(streams, meta)
-
-
-def gps_known(vessel: VesselFile | None) -> dict[str, float | tuple[float, float] | None]:
-    """Latency and place of the antenna by the vessel file's GNSS; unknown where it has none."""
-    gnss = vessel.sensors.gnss if vessel else None
-    return {"latency_s": gnss.latency_s if gnss else None, "tag_arm_m": (gnss.x_m, gnss.y_m) if gnss else None}
-
-
-def gps_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> tuple[Stream, str]:
-    """Rows (t_ns, latitude, longitude [deg]) as a stream of positions, and a text that states their origin."""
-    table = np.array([row[1:3] for row in rows], dtype=float)
-    north, east, origin_text = geodetic_to_site(table[:, 0], table[:, 1], site)
-    t_ns = np.array([row[0] for row in rows], dtype=np.int64)
-    return Stream("GPS positions", t_ns, {"north_m": north, "east_m": east}), origin_text
 
 
 def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple[Any, ...]]], int | None]:
@@ -132,7 +118,7 @@ def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple
                 rows[kind].append((t_us * 1000, *row))
             if week:
                 week_ns = (_GPS_EPOCH_S - LEAP_S + week * _WEEK_S) * 1_000_000_000
-                clocks[status >= _FIX_3D].append(week_ns + ms * 1_000_000 - t_us * 1000)
+                clocks[status >= FIX_3D].append(week_ns + ms * 1_000_000 - t_us * 1000)
     if damaged:
         notes.append(LogProblem(kind="damaged", text=f"{damaged} damaged records are left out"))
     known = clocks[True] or clocks[False]
@@ -161,5 +147,5 @@ _DECODE: dict[str, Callable[[Any], tuple[Any, ...] | None]] = {
     "BAT": lambda m: (m.Volt,) if getattr(m, "Instance", getattr(m, "Inst", 0)) == 0 else None,
     "BCN": _bcn,
     "PARM": lambda m: (m.Name, m.Value),
-    "GPS": lambda m: (m.Lat, m.Lng) if m.Status >= _FIX_3D and getattr(m, "I", 0) == 0 else None,
+    "GPS": lambda m: (m.Lat, m.Lng, m.Status) if getattr(m, "I", 0) == 0 else None,
 }

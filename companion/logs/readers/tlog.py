@@ -21,7 +21,8 @@ from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import Attitude, Battery, ImuSample, Message
 from companion.logs.readers.aritra import attitude_row, attitude_stream, imu_row, imu_stream, meta_fields
-from companion.logs.readers.dataflash import Joined, gps_known, gps_stream
+from companion.logs.readers.dataflash import Joined
+from companion.logs.readers.gps import good_fixes, gps_known, gps_stream
 from companion.logs.readers.host_clock import Arrival, host_stamps, longest_boot
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.outputs import output_stream
@@ -74,12 +75,12 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
     columns = {"pwm": f"SERVO_OUTPUT_RAW: what left the autopilot, {which}", "r_rad_s": f"gyroscope, {source}"}
     known = meta_fields(vessel, site)
     known["late_s"] = late_by_filters(parameters)
-    fixes = [(t, m.lat / 1e7, m.lon / 1e7) for t, _, m in rows["GPS_RAW_INT"] if m.fix_type >= 3]
+    fixes = [(t, m.lat / 1e7, m.lon / 1e7, m.fix_type) for t, _, m in rows["GPS_RAW_INT"]]
     if uwb:
         joined = uwb(round(offset_s * 1e9))
         streams, columns, notes = streams + joined.streams, columns | joined.columns, notes + list(joined.notes)
-    elif fixes:
-        stream, origin_text = gps_stream(fixes, site)
+    elif good := good_fixes(fixes, vessel, notes):
+        stream, origin_text = gps_stream(good, site)
         streams.append(stream)
         columns["north_m"] = columns["east_m"] = f"GPS antenna at the arrival of GPS_RAW_INT, {origin_text}"
         known |= gps_known(vessel)

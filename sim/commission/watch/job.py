@@ -167,7 +167,7 @@ def _begin_unix_s(path: Path, run: Run, name: str) -> float:
 
     ValueError where a log of ours is of another boat.
     """
-    if path.name.endswith(".mcap"):
+    if path.suffix.lower() == ".mcap":
         log = LogFile(path)
         own = log.metadata.get("vessel", name)
         if own != name:

@@ -20,6 +20,7 @@ import polars as pl
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.pilot.monitors.battery import pack_range
 from companion.logs.runs.fingerprint import fingerprint, overlap
 from companion.logs.runs.problems import dead_columns, held_rows
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
@@ -31,7 +32,7 @@ LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
 """Assumed: a few of the hull's time constants to fit on; two open-loop runs of 10 s to be judged by."""
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
 DEAD_SENSOR, HELD_POSITIONS, OTHER_BOAT = "dead sensor", "held positions", "another boat"
-"""Kinds of problems: columns are left out that hold one value throughout, positions are used where they were new, logs
+"""Kinds of problems: columns are left out that no sensor wrote, positions are used where they were new, logs
 state several boats.
 """
 NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
@@ -141,7 +142,8 @@ def reject_overlap(logs: Sequence[NamedLog]) -> None:
 def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
     """The log under its own name, with its thrusters in the vessel file's order. Raises JobError.
 
-    Sensors that say one and the same throughout (an IMU that is not there, written as zeros) are left blank, and noted.
+    Sensors that say one and the same throughout (an IMU that is not there, written as zeros), and voltages that no pack
+    has, are left blank, and noted.
     """
     run, names = Run(log.run.table, replace(log.run.meta, source=log.name)), tuple(t.name for t in vessel.thrusters)
     if set(run.thrusters) != set(names):
@@ -154,7 +156,7 @@ def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
         text = f"{', '.join(dead)}: the same value in every sample, which no sensor gives: left out, as if blank"
         blank = run.table.with_columns(pl.lit(None, pl.Float64).alias(column) for column in dead)
         run = Run(blank, run.meta).with_notes([LogProblem(kind=DEAD_SENSOR, text=text)])
-    run = _without_held_positions(run)
+    run = _without_held_positions(_without_absurd_voltages(run, vessel))
     for column, what in (("psi_rad", "heading"), ("north_m", "position"), *((f"pwm_{n}", "commands") for n in names)):
         if not run.known(column):
             hint = "; `aritra log export --uwb` joins a UWB log to a .bin or .tlog" if column == "north_m" else ""
@@ -162,6 +164,22 @@ def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
             raise JobError(f"{log.name}: {column}: {state} throughout; nothing can be identified without {what}{hint}")
     others = [c for c in run.table.columns if not c.startswith("pwm_")]
     return NamedLog(log.name, Run(run.table.select(*(f"pwm_{n}" for n in names), *others), run.meta))
+
+
+def _without_absurd_voltages(run: Run, vessel: VesselFile) -> Run:
+    """`run` without voltages that the pack cannot have, as the boat's battery monitor takes them: 0 V for none."""
+    least_v, most_v = pack_range(vessel.propulsion.nominal_voltage_V)
+    seen = run.table["battery_v"]
+    absurd = ~seen.is_between(least_v, most_v)  # null stays null
+    count = int(absurd.sum())
+    if not count:
+        return run
+    text = (
+        f"battery_v: {count} of {seen.count()} samples (the first {seen.filter(absurd)[0]:g} V) are none of a pack of "
+        f"{vessel.propulsion.nominal_voltage_V:g} V: left out, as if blank"
+    )
+    blank = pl.when(absurd).then(None).otherwise(seen).alias("battery_v")
+    return Run(run.table.with_columns(blank), run.meta).with_notes([LogProblem(kind=DEAD_SENSOR, text=text)])
 
 
 def _without_held_positions(run: Run) -> Run:

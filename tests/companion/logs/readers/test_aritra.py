@@ -105,6 +105,14 @@ def test_truth_in_the_log_or_beside_it(run: Run, tmp_path):
     assert joined.table.equals(run.table)
 
 
+def test_the_truth_of_another_run_is_refused(log: Path, tmp_path, monkeypatch):
+    """Stepped clocks all begin at 0, so that any two logs would overlap."""
+    monkeypatch.setattr("tests.companion.logs.readers.run_logs.WALL_OFFSET_NS", WALL_OFFSET_NS - 86_400 * 10**9)
+    other = record(tmp_path / "truth.mcap", of(m.GroundTruth))
+    with pytest.raises(LogError, match=r"truth\.mcap: is of another run than .*drive\.mcap"):
+        read_run(log, ReadOptions(truth=other))
+
+
 def test_a_simulated_run_has_no_problem(run: Run):
     """The tag's first range and the pilot's first thrust come within the 5 s from which on silence is one."""
     assert not problems(run)

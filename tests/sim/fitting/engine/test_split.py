@@ -1,4 +1,4 @@
-"""What a fit makes of positions that a table repeats, and of logs of several boats. Seed 8."""
+"""What a fit makes of positions that a table repeats, of absurd voltages, and of logs of several boats. Seed 8."""
 
 import polars as pl
 from msgspec.structs import replace
@@ -27,6 +27,18 @@ def test_positions_that_are_held_until_the_next_are_used_where_they_were_new():
     )
     (used,) = split([NamedLog("a.csv", Run(resting, run.meta))], [], VESSEL).used
     assert used.log.run.table["north_m"].equals(resting["north_m"]) and not used.log.run.meta.notes
+
+
+def test_a_voltage_that_the_pack_cannot_have_is_none():
+    """A boat without a battery monitor says 0 V, which would make every thrust 0 N."""
+    run = teleop_run(VESSEL, 8, 80.0)
+    rows = run.table["t_s"]
+    late = run.table.with_columns(pl.when(rows > 40.0).then(0.0).otherwise(pl.lit(15.2)).alias("battery_v"))
+    for table, first in ((run.table.with_columns(pl.lit(0.0).alias("battery_v")), None), (late, 15.2)):
+        (used,) = split([NamedLog("a.csv", Run(table, run.meta))], [], VESSEL).used
+        assert used.log.run.table["battery_v"].drop_nulls().unique().to_list() == ([first] if first else [])
+        (note,) = (n for n in used.log.run.meta.notes if n.kind == "dead sensor")
+        assert "(the first 0 V) are none of a pack of 15 V: left out" in note.text
 
 
 def test_logs_that_state_several_boats_say_so():

@@ -2,8 +2,9 @@
 
     x1_dot = x2        x2_dot = -omega_0^2 x1 - 2 zeta omega_0 x2 + white noise        wave = x2
 
-As states of a Kalman filter they leave innovations that are white. Commands that answer waves explain nothing then, for
-nobody knows an innovation beforehand; and as waves have no mean, a constant tells nearly as much as in calm water.
+As states of a Kalman filter they leave innovations that are white, as far as waves are of this band. Commands that
+answer waves explain nothing then, for nobody knows an innovation beforehand; and as waves have no mean, what is steady
+is not taken for them.
 """
 
 from __future__ import annotations

@@ -54,6 +54,19 @@ def test_a_damaged_log_is_told_and_recovered(drive_log, capsys):
     assert run("info", path.with_name("drive.recovered.mcap")) == log.OK
 
 
+def test_a_log_whose_first_part_is_empty_is_read_from_the_others(drive_log, capsys):
+    path = drive_log(10.0)
+    path.rename(path.with_name("drive.part1.mcap"))
+    path.touch()
+    assert run("info", path) == log.DAMAGED
+    assert f"{path}: the file is empty" in capsys.readouterr().out.replace("\n", "")
+    assert run("recover", path) == log.DAMAGED
+    assert run("info", path.with_name("drive.recovered.mcap")) == log.OK
+    path.with_name("drive.part1.mcap").unlink()
+    assert run("info", path) == log.IMPOSSIBLE
+    assert "is empty" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", ["info", "plot", "recover"])
 def test_what_cannot_be_read_is_exit_code_2_with_the_path(command, tmp_path, capsys):
     assert run(command, tmp_path / "absent.mcap") == log.IMPOSSIBLE

@@ -7,6 +7,8 @@ import pytest
 
 from companion.boat.recorder import Recorder
 from companion.cli import log
+from companion.core.messages import Battery
+from companion.logs.schema import KINDS
 from tests.companion.command_line import exit_code
 
 
@@ -65,6 +67,15 @@ def test_a_log_whose_first_part_is_empty_is_read_from_the_others(drive_log, caps
     path.with_name("drive.part1.mcap").unlink()
     assert run("info", path) == log.IMPOSSIBLE
     assert "is empty" in capsys.readouterr().err
+
+
+def test_messages_of_another_version_are_told_and_no_copy_is_advised(drive_log, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setitem(KINDS, "/tick", Battery)
+    assert run("info", drive_log(1.0)) == log.DAMAGED
+    told = capsys.readouterr().out
+    assert "/tick: 10 messages do not fit their class in this version: left out" in told
+    assert "sound copy" not in told
 
 
 @pytest.mark.parametrize("command", ["info", "plot", "recover"])

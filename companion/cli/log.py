@@ -162,7 +162,7 @@ def _print_summary(summary: LogSummary, console: Console) -> None:
         console.print(Text(f"{alert.t_s:9.2f} s  {alert.level:8}{alert.text}", style=style))
     for line in summary.damage:
         console.print(Text(f"damaged: {line}", style="bold red"))
-    if summary.damage:
+    if len(summary.damage) > len(summary.undecodable):  # what does not fit its class stays so
         console.print(Text("`aritra log recover` writes a sound copy"))
 
 
@@ -183,9 +183,8 @@ def _facts(summary: LogSummary) -> Table:
     )
     for name, value in wanted:
         table.add_row(Text(name, style="bold"), Text(value))
-    for name, counts in (("unknown topics", summary.unknown), ("not decodable", summary.undecodable)):
-        if counts:
-            table.add_row(Text(name, style="bold yellow"), Text(_counts(counts)))
+    if summary.unknown:
+        table.add_row(Text("unknown topics", style="bold yellow"), Text(_counts(summary.unknown)))
     return table
 
 

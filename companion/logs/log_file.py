@@ -2,9 +2,9 @@
 
 A log is `NAME.mcap` with its continuations `NAME.part1.mcap`, ... of the same run; all are read as one. Reading
 never needs the index, so a file that was cut off by SIGKILL or a power cut gives all that came before the cut; a
-chunk whose checksum is wrong is left out. What was met on the way stands in `damage`, `unknown` and `undecodable`;
-`read` is how many messages were, and `lacks_after` after how many of them the first may be missing (None: none is
-known of).
+chunk whose checksum is wrong is left out, and so is a message that does not fit its class, as of another version. What
+was met on the way stands in `damage`, `unknown` and `undecodable`; `read` is how many messages were, and `lacks_after`
+after how many of them the first may be missing (None: none is known of).
 """
 
 from __future__ import annotations
@@ -106,6 +106,9 @@ class LogFile:
                 yield entry
             if part.damage:
                 self.damage.append(part.damage)
+        for topic, count in self.undecodable.items():
+            odd = f"{count} messages do not fit their class in this version: left out"
+            self.damage.append(f"{self.path}: {topic}: {odd}")
 
     def messages(self, *kinds: type[Message]) -> Iterator[Message]:
         """Typed messages in the order written, of `kinds` (default: all but raw bytes)."""
@@ -134,6 +137,7 @@ class LogFile:
             return _DECODERS[kind].decode(entry.data)
         except msgspec.DecodeError:
             self.undecodable[entry.topic] += 1
+            self._lacks(self.read - 1)
             return None
 
     def _lacks(self, after: int) -> None:

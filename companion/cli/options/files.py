@@ -12,6 +12,7 @@ from pathlib import Path
 
 from companion.core.configuration import file_kinds as kinds
 from companion.core.configuration.tables import TEXT, ConfigError
+from companion.logs.part import log_parts
 
 OTHERS = (*kinds.EXAMPLES, "a picture", "a PDF file", "a ZIP archive", "a program", "an HTML page", "a JSON file")
 """What no log is."""
@@ -37,7 +38,7 @@ def _file(wanted: str, refused: Callable[[str], bool], example: str = "") -> Cal
     def read(text: str) -> Path:
         path = Path(text)
         head = head_of(path)
-        if not head:
+        if not head and len(log_parts(path)) == 1:  # a power cut may leave the first part of a log empty
             raise argparse.ArgumentTypeError(f"{path}: is empty")
         kind = kinds.kind_of_file(head)
         if kind and refused(kind):

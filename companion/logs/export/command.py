@@ -21,7 +21,7 @@ from rich.table import Table
 from rich.text import Text
 
 from companion.cli.options.extras import how_to_install
-from companion.cli.options.files import any_log, log_beside, site_file, text_of, truth_log, vessel_file
+from companion.cli.options.files import any_log, aritra_log, log_beside, site_file, text_of, truth_log, vessel_file
 from companion.cli.options.outputs import AWAY, add_out, making, new_file, reason
 from companion.cli.options.values import number
 from companion.core.configuration.site_file import load_site
@@ -215,6 +215,10 @@ def _run_command(args: argparse.Namespace) -> int:
         for option, value in given.items():
             if value is not None:
                 raise LogError(f"{option} says nothing to --{args.form}: leave it out")
+        try:
+            aritra_log(str(args.log))
+        except argparse.ArgumentTypeError as error:
+            raise LogError(f"{error}; without --{args.form} it becomes the aligned table") from None
         if args.form == "geojson":
             return export_track(args.log, args.out, site=args.site, truth=args.truth)
         if args.form == "foxglove":

@@ -56,7 +56,7 @@ def features(log: LogFile, site: Site | None = None, truth: LogFile | None = Non
     for message in log.messages(StateEstimate, ModeStatus, Alert, NewMission):
         drawn.see(message)
     if not drawn.track.pieces:
-        raise LogError(f"{log.path}: no estimate of a place in it: there is no track")
+        raise LogError("; ".join([f"{log.path}: no estimate of a place in it: there is no track", *log.damage]))
     for message in truth.messages(GroundTruth) if truth else ():
         drawn.see(message)
     return drawn.features(_first_mission(log))

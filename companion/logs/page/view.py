@@ -50,7 +50,8 @@ def page_data(log: LogFile, samples: Sequence[shore.ShoreMessage], overlay: Over
     first = next((t for t in samples if isinstance(t, shore.StateNow)), None)
     if first is None:
         needed = "/state_estimate, and /loop_timing at the end of a tick"
-        raise LogError(f"{log.path}: no estimate in it that could be shown: that takes {needed}")
+        reason = f"{log.path}: no estimate in it that could be shown: that takes {needed}"
+        raise LogError("; ".join([reason, *log.damage]))
     known = next((t for t in samples if isinstance(t, shore.StateNow) and t.health in KNOWN), first)
     about, begin_ns, end_ns = samples[0], zero_ns_of(log), max(t.t_ns for t in samples)
     assert isinstance(about, shore.About)

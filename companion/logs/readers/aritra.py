@@ -79,7 +79,7 @@ def read_mcap(path: Path, vessel: VesselFile | None, site: Site | None, truth: P
         found[GroundTruth] = list(simulator.messages(GroundTruth))
         notes += [LogProblem(kind="damaged", text=text) for text in simulator.damage]
     if not found[OverrideLease]:
-        raise RunError(f"{path}: no thruster commands (/override_lease) in it")
+        raise RunError("; ".join([f"{path}: no thruster commands (/override_lease) in it", *log.damage]))
     # 2. A stream for each sensor, the commands and the truth.
     channels = channels_of(vessel, found[OverrideLease])
     aiding, places = _aiding(found, vessel, site, notes)

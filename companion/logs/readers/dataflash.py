@@ -24,13 +24,13 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import unrotate
 from companion.core.sensors.gnss import FIX_3D
 from companion.logs.readers.aritra import attitude_stream, imu_stream, meta_fields
+from companion.logs.readers.dataflash_records import MAGIC, whole_records
 from companion.logs.readers.gps import good_fixes, gps_known, gps_stream
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.outputs import output_stream
 from companion.logs.readers.uwb import UwbLog
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
-_MAGIC = b"\xa3\x95"
 _OUTPUTS = {1: "RCOU", 15: "RCO2", 19: "RCO3"}
 """Records of outputs, by the first output in them."""
 _KINDS = (*_OUTPUTS.values(), "IMU", "ATT", "BAT", "BCN", "GPS", "PARM")
@@ -50,7 +50,7 @@ def read_dataflash_run(
 ) -> Run:
     """Run of a dataflash log. Raises RunError naming the file, OSError."""
     with path.open("rb") as file:
-        if file.read(len(_MAGIC)) != _MAGIC:
+        if file.read(len(MAGIC)) != MAGIC:
             raise RunError(f"{path}: not a dataflash log: it does not begin with the bytes A3 95")
     notes: list[LogProblem] = []
     try:
@@ -97,12 +97,12 @@ def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple
     """Rows (t_ns, values) by message type, SI units; and Unix time minus the log's clock [ns], None without GPS time.
 
     A record without the columns of its type, or stamped after `LATEST_US`, is damaged: it is left out and counted in
-    `notes`.
+    `notes`, as are bytes that are no record.
     """
     rows: dict[str, list[tuple[Any, ...]]] = {kind: [] for kind in _KINDS}
     clocks: dict[bool, list[int]] = {True: [], False: []}  # with a fix, and without: the week may be a guess then
     damaged = 0
-    with DFReader.DFReader_binary(str(path)) as log:
+    with whole_records(path, notes) as whole, DFReader.DFReader_binary(str(whole)) as log:
         while (m := log.recv_match(type=list(_KINDS))) is not None:
             kind = m.get_type()
             try:

@@ -48,7 +48,8 @@ class Arrival(NamedTuple):
 def longest_boot(arrivals: Sequence[Arrival], notes: list[LogProblem]) -> list[Arrival]:
     """Those of the boot with the most servo outputs, and a note of what that leaves out; parameters of all come first.
 
-    A stamp that goes back, and has not wrapped, is of another boot, or of a slower link to the same autopilot.
+    A stamp that goes back, and has not wrapped, is of another boot, or of a slower link to the same autopilot. What has
+    no stamp may be of the next boot already, after the last record of the kept one that has: it is left out.
     """
     late, begins = _gone_back(arrivals)
     if late:
@@ -59,6 +60,8 @@ def longest_boot(arrivals: Sequence[Arrival], notes: list[LogProblem]) -> list[A
     if len(boots) == 1:
         return boots[0]
     kept = max(boots, key=lambda boot: sum(one.message.get_type() == "SERVO_OUTPUT_RAW" for one in boot))
+    if kept is not boots[-1]:
+        kept = kept[: max(k for k, one in enumerate(kept) if one.device_ns >= 0) + 1]
     left_out = sum(map(len, boots)) - len(kept)
     text = f"the autopilot was started anew {len(boots) - 1} times; {left_out} records of its other boots are left out"
     notes.append(LogProblem(kind="clock jump", text=text))

@@ -7,6 +7,8 @@ import pytest
 
 from companion.boat.recorder import Recorder
 from companion.cli import log
+from companion.core.messages import Battery
+from companion.logs.schema import KINDS
 from tests.companion.command_line import exit_code
 
 
@@ -52,6 +54,28 @@ def test_a_damaged_log_is_told_and_recovered(drive_log, capsys):
     assert "kept" in out
     assert "last message at t =" in out
     assert run("info", path.with_name("drive.recovered.mcap")) == log.OK
+
+
+def test_a_log_whose_first_part_is_empty_is_read_from_the_others(drive_log, capsys):
+    path = drive_log(10.0)
+    path.rename(path.with_name("drive.part1.mcap"))
+    path.touch()
+    assert run("info", path) == log.DAMAGED
+    assert f"{path}: the file is empty" in capsys.readouterr().out.replace("\n", "")
+    assert run("recover", path) == log.DAMAGED
+    assert run("info", path.with_name("drive.recovered.mcap")) == log.OK
+    path.with_name("drive.part1.mcap").unlink()
+    assert run("info", path) == log.IMPOSSIBLE
+    assert "is empty" in capsys.readouterr().err
+
+
+def test_messages_of_another_version_are_told_and_no_copy_is_advised(drive_log, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setitem(KINDS, "/tick", Battery)
+    assert run("info", drive_log(1.0)) == log.DAMAGED
+    told = capsys.readouterr().out
+    assert "/tick: 10 messages do not fit their class in this version: left out" in told
+    assert "sound copy" not in told
 
 
 @pytest.mark.parametrize("command", ["info", "plot", "recover"])

@@ -10,6 +10,7 @@ from companion.core import messages as m
 from companion.logs.log_file import LogFile
 from companion.logs.metadata import log_metadata
 from companion.logs.replay import replay
+from companion.logs.schema import KINDS
 from tests.companion.command_line import exit_code
 from tests.fault_lab.broken_logs import headers
 from tests.support.drive_fixture import driving, pilot, setup, voyage
@@ -160,6 +161,15 @@ def test_a_log_that_lacks_messages_before_the_difference_says_nothing_of_the_cor
     assert "first difference in step " in told.out
     assert f"{path}: lacks messages before this difference, which therefore says nothing of the core" in told.err
     assert ("damaged: " in told.err) is not cut_out
+
+
+def test_a_log_of_another_version_says_nothing_of_the_core(log, capsys, monkeypatch):
+    """Its attitudes do not fit the class of this version."""
+    monkeypatch.setitem(KINDS, "/attitude", m.Battery)
+    assert main(["replay", str(log)]) == 2
+    told = capsys.readouterr()
+    assert "/attitude: " in told.err and "messages do not fit their class in this version: left out" in told.err
+    assert "first difference in step " in told.out and "which therefore says nothing of the core" in told.err
 
 
 def test_what_is_missing_after_the_difference_excuses_nothing_and_is_told(tmp_path, logged, capsys):

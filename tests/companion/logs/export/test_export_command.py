@@ -15,7 +15,7 @@ from companion.logs.readers.read_run import read_run
 from companion.logs.readers.table import write_run
 from companion.logs.runs.run import Run
 from tests.companion.command_line import exit_code
-from tests.companion.logs.readers.run_logs import clean_run, record, simulated
+from tests.companion.logs.readers.run_logs import clean_run, dataflash, record, simulated
 
 NEED_POLARS = ("companion.logs.runs", "companion.logs.readers", "sim.fitting")
 
@@ -86,6 +86,16 @@ def test_what_cannot_be_done_is_exit_code_2_with_the_file(logs, tmp_path, capsys
     ):
         assert run(*argv) == log.IMPOSSIBLE
         assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet", "geojson", "foxglove", "rosbag2"])
+def test_an_ardupilot_log_is_named_where_only_our_own_can_be_written(tmp_path, capsys, form):
+    path = tmp_path / "boat.bin"
+    path.write_bytes(dataflash([]))
+    assert run(path, f"--{form}", "-o", tmp_path / "out") == log.IMPOSSIBLE
+    told = f"{path}: is an ArduPilot log (.bin); expected a log of `aritra run` (.mcap); without --{form} it becomes"
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 @contextmanager

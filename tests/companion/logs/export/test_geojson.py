@@ -19,6 +19,7 @@ from companion.logs.export import command
 from companion.logs.export.geojson import collection, features
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.metadata import log_metadata
+from companion.logs.schema import KINDS
 
 SITE = """
 name = "pond"
@@ -135,6 +136,13 @@ def test_a_site_that_this_version_refuses_is_not_taken_for_none(tmp_path):
 def test_a_log_without_estimates_has_no_track(tmp_path):
     with pytest.raises(LogError, match="no estimate of a place"):
         features(record(tmp_path / "t.mcap", m.Tick(t_ns=0, index=0)))
+
+
+def test_estimates_of_another_version_are_the_reason_that_is_told(tmp_path, monkeypatch):
+    monkeypatch.setitem(KINDS, "/state_estimate", m.ModeStatus)
+    log = record(tmp_path / "a.mcap", estimate(0.0, 0.0, 0.0), estimate(0.1, 0.1, 0.0))
+    with pytest.raises(LogError, match=r"no track; .*/state_estimate: 2 messages do not fit their class"):
+        features(log)
 
 
 def test_the_command_writes_the_file_and_tells_a_bad_site(tmp_path, capsys):

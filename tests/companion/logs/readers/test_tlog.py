@@ -211,6 +211,21 @@ def test_of_an_autopilot_that_is_started_anew_the_longer_boot_is_kept(tmp_path, 
     assert "started anew 1 times; " in note.text and "records of its other boots are left out" in note.text
 
 
+def test_the_first_fix_after_a_boot_is_not_of_the_boot_before(tmp_path):
+    """It comes before anything that the autopilot has stamped, as does the voltage."""
+    first, second = Autopilot(60.0), Autopilot(20.0)
+    begin = len(second.records)
+    second.put(second.mav.gps_raw_int_encode(0, 3, 481_000_000, 80_000_000, 0, 0, 0, 0, 0, 9))
+    second.put(second.mav.sys_status_encode(0, 0, 0, 0, 9000, -1, -1, 0, 0, 0, 0, 0, 0))
+    unstamped = [(UNIX_US + 63_000_000, frame) for _, frame in second.records[begin:]]
+    anew = [(t_us + 63_100_000, frame) for t_us, frame in second.records[:begin]]
+    path = tmp_path / "a.tlog"
+    path.write_bytes(tlog([*first.records, *unstamped, *anew]))
+    run = read_run(path)
+    assert run.duration_s == pytest.approx(59.95, abs=0.01)
+    assert run.samples("north_m")[1].max() < 60.0 and run.samples("battery_v")[1].min() == 15.5
+
+
 def test_values_are_si_and_of_the_autopilot_alone(tmp_path):
     run = read_run(Autopilot(20.0).write(tmp_path / "a.tlog"))
     assert run.samples("r_rad_s")[1][7] == 0.0075  # 7 mrad/s are what was cut to 7

@@ -11,11 +11,13 @@ import socket
 import sys
 import time
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import psutil
 
+from companion.cli.boat.terminal_writer import TerminalWriter
 from companion.cli.interrupts import call_when_asked_to_end
 from companion.cli.options.extras import how_to_install
 from companion.cli.options.values import port
@@ -55,13 +57,17 @@ def add_parser(commands) -> None:
 
 def shore(args: argparse.Namespace) -> int:
     """Serve until interrupted; the exit code."""
+    screen = TerminalWriter(sys.stdout)
     try:
-        return asyncio.run(_serve(args))
+        return asyncio.run(_serve(args, lambda text: screen.write(f"{text}\n")))
     except ImportError as error:
         raise ConfigError(f"{error}; {how_to_install('shore')} brings what the console needs") from None
+    finally:
+        screen.close()
 
 
-async def _serve(args: argparse.Namespace) -> int:
+async def _serve(args: argparse.Namespace, say: Callable[[str], object]) -> int:
+    """`say`: takes what is to be said while it serves; neither waits nor raises."""
     from aiohttp import web
 
     from companion.shore.console.files.logs import ServedLogs
@@ -79,7 +85,7 @@ async def _serve(args: argparse.Namespace) -> int:
     names = {"localhost", socket.gethostname().lower(), f"{socket.gethostname().lower()}.local", args.host.lower()}
     logs = ServedLogs(args.logs) if args.logs else None
     guard = RequestAuth(frozenset(names), token)
-    console = Console(ZenohClient(config), guard, keys, compress=not local, logs=logs, say=_say)
+    console = Console(ZenohClient(config), guard, keys, compress=not local, logs=logs, say=say)
     foxglove = _foxglove(console, args.foxglove) if args.foxglove is not None else None
     runner = web.AppRunner(console.app, access_log=None, shutdown_timeout=1.0)
     await runner.setup()
@@ -119,10 +125,6 @@ def _foxglove(console: Console, port: int) -> FoxgloveServer:
     server = FoxgloveServer(port)
     console.also.append(lambda sample: server.see(sample.boat, sample.topic, sample.data, time.time_ns()))
     return server
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)
 
 
 async def _until_signal(work) -> None:

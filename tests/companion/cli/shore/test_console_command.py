@@ -1,6 +1,10 @@
 """The command line of the console: bad input, ports, keys, names."""
 
+import asyncio
+import io
 import socket
+import sys
+import threading
 from types import SimpleNamespace
 
 import psutil
@@ -44,6 +48,31 @@ def test_a_taken_port_is_an_error_that_says_so(capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         assert main(["shore", "--port", str(taken.getsockname()[1]), "--listen", "tcp/127.0.0.1:0"]) == 2
     assert "another --port?" in capsys.readouterr().err
+
+
+def test_a_terminal_that_goes_ends_neither_the_console_nor_stop(monkeypatch):
+    """As `aritra shore | tee log` without tee, a full disk, a lost terminal."""
+    said, ended = threading.Event(), []
+
+    class Gone(io.StringIO):
+        def write(self, text):
+            if text.startswith("zenoh: ready"):
+                said.set()
+                raise BrokenPipeError
+            return super().write(text)
+
+    def end_later(loop, end):
+        async def wait():
+            await asyncio.to_thread(said.wait, 20.0)
+            await asyncio.sleep(0.05)
+            ended.append(end())
+
+        loop.waiting = asyncio.ensure_future(wait())
+
+    monkeypatch.setattr(console, "call_when_asked_to_end", end_later)
+    monkeypatch.setattr(sys, "stdout", Gone())
+    assert main(["shore", "--port", "0", "--listen", "tcp/127.0.0.1:0"]) == 0
+    assert said.is_set() and ended == [True], "it ended because it was asked to"
 
 
 def test_keys_for_all_for_one_and_from_a_fleets_folder(tmp_path):

@@ -15,7 +15,8 @@ from companion.cli.shore import console
 from companion.cli.shore.key_files import KeyFiles
 from companion.cli.shore.network_options import default_name
 from companion.core.configuration.tables import ConfigError
-from companion.core.telemetry.order_sender import Sender
+from companion.core.telemetry.order_gate import seal
+from companion.core.telemetry.order_sender import NOWHERE, Sender
 from companion.shore.console import keys
 from tests.companion.command_line import exit_code
 
@@ -120,6 +121,32 @@ def test_a_key_that_cannot_be_used_costs_its_boat_only_and_is_told(spoil, fleet,
     files["bad"].write_bytes(bytes(range(32)))
     files["bad"].chmod(0o600)
     assert isinstance(held.of("bad"), Sender) and held.problem("bad") == "", "put right while it runs"
+
+
+@pytest.mark.parametrize("option", ["{}", "boat={}", "{}/"])
+def test_a_key_that_is_replaced_counts_and_one_that_is_away_for_a_moment_goes_on(option, tmp_path, monkeypatch):
+    """A boat that was provisioned anew, or a demo in a new folder, refused STOP until the console was started anew."""
+    monkeypatch.setattr(keys, "LOOK_S", 0.0)
+    file = tmp_path / "command.key"
+
+    def write(key):
+        file.write_bytes(key)
+        file.chmod(0o600)
+
+    write(b"\1" * 32)
+    held = keys.Keys(KeyFiles([option.format(tmp_path if option.endswith("/") else file)]).find, "anna")
+    first = held.of("boat")
+    assert isinstance(first, Sender) and held.of("boat") is first, "its orders are counted"
+    file.unlink()
+    assert held.of("boat") is first and held.problem("boat") == ""
+    write(b"short")
+    file.chmod(0o644)
+    assert held.of("boat") is first and held.problem("boat") == ""
+    write(b"\2" * 32)
+    second = held.of("boat")
+    assert isinstance(second, Sender)
+    order = second.order("stop", at=NOWHERE)
+    assert order.attachment == seal(b"\2" * 32, "boat", order.payload)
 
 
 def test_no_name_of_a_boat_leads_out_of_the_folder(tmp_path):

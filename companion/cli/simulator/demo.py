@@ -23,7 +23,7 @@ from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import mission_file, run_file
 from companion.cli.options.outputs import add_out, new_in_folder
 from companion.cli.options.values import seconds
-from companion.cli.simulator.fleet import FleetBoat
+from companion.cli.simulator.fleet import FleetBoat, device_urls
 from companion.cli.simulator.fleet_options import add_fleet_arguments, boats_of
 from companion.cli.simulator.world_options import add_world_arguments, check_start, world_arguments
 from companion.logs.log_file import LogError
@@ -184,10 +184,8 @@ def _start(args: argparse.Namespace, boats: Sequence[FleetBoat], k: int, wires: 
 
 def device_options(keys: Sequence[str], uwb_path: str) -> list[str]:
     """The simulated sensors' wires as options of `aritra run`."""
-    from sim.world.loopback import device_path
-
-    urls = {key: f"serial:{device_path(uwb_path, key)}:115200" for key in keys}
-    options = [("--uwb", url) if key == "uwb" else ("--device", f"{key}={url}") for key, url in urls.items()]
+    urls = device_urls(keys, uwb_path).items()
+    options = [("--uwb", url) if key == "uwb" else ("--device", f"{key}={url}") for key, url in urls]
     return [word for option in options for word in option]
 
 

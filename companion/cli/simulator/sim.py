@@ -21,8 +21,7 @@ from companion.cli.options.files import run_file
 from companion.cli.options.values import address
 from companion.cli.simulator.autopilot_options import add_autopilot_arguments, autopilot
 from companion.cli.simulator.firmware_options import add_firmware_arguments, check_options
-from companion.cli.simulator.fleet import FleetBoat
-from companion.cli.simulator.fleet import FleetWires as Urls
+from companion.cli.simulator.fleet import FleetBoat, FleetWires
 from companion.cli.simulator.fleet_options import PORTS, add_fleet_arguments, boats_of, folders_of, place_of
 from companion.cli.simulator.world_options import add_world_arguments, world_setup
 from companion.core.messages import Message
@@ -99,9 +98,7 @@ def _fleet(args: argparse.Namespace, setup: RunSetup) -> list[argparse.Namespace
             if args.tcp:
                 own.tcp = (args.tcp[0], args.tcp[1] + k * PORTS)
         endpoints[name] = own
-    wires = {
-        name: Urls("udpin:{}:{}".format(*own.udp_to), f"serial:{own.uwb}:115200") for name, own in endpoints.items()
-    }
+    wires = {name: FleetWires("udpin:{}:{}".format(*own.udp_to), own.uwb) for name, own in endpoints.items()}
     for boat in boats_of(args, setup, wires):
         endpoints[boat.name].boat = boat
     return list(endpoints.values())

@@ -74,6 +74,15 @@ def test_a_name_twice_is_refused_before_anything_starts(command, tmp_path, capsy
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("option", ["--udp-to", "--tcp"])
+def test_ports_beyond_the_last_one_are_refused_before_anything_starts(option, tmp_path, capsys):
+    words = ["sim", "--boats", "2", option, "127.0.0.1:65530", "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"aritra sim: {option}: 127.0.0.1:65530: boat 2 would need port 65540")
+    assert not (tmp_path / "out").exists()
+
+
 def test_each_boat_has_a_run_file_with_its_name_wires_and_key(tmp_path):
     wires = {"bob": FleetWires("udpin:127.0.0.1:14561", "/tmp/bobs-tag")}
     boats = made(tmp_path, ["anna", "bob"], shore=SHORE, wires=wires)

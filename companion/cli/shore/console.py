@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from companion.shore.foxglove.live import FoxgloveServer
 
 PORT = 8470
+EVERYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}
+"""`--host` of the whole network -> where this machine finds us then."""
 MIN_TOKEN = 8
 
 
@@ -103,7 +105,8 @@ async def _serve(args: argparse.Namespace, say: Callable[[str], object]) -> int:
     for problem in filter(None, map(keys.problem, files.boats)):
         print(problem, flush=True)
     if args.open:
-        await asyncio.to_thread(webbrowser.open, _address("127.0.0.1", port, token))
+        host: str = args.host
+        await asyncio.to_thread(webbrowser.open, _address(EVERYWHERE.get(host, host), port, token))
     if foxglove:
         print(f"Foxglove: ws://127.0.0.1:{foxglove.port}", flush=True)
     try:
@@ -150,12 +153,14 @@ def _address(host: str, port: int, token: str | None) -> str:
 
 def addresses(host: str, port: int, token: str | None) -> list[str]:
     """What is printed of where the console is: every address of this machine, where it serves the network."""
-    if host not in ("0.0.0.0", "::"):
+    if host not in EVERYWHERE:
         return [f"console: {_address(host, port, token)}"]
     cards = psutil.net_if_addrs().values()
-    mine = sorted({each.address for card in cards for each in card if each.family is socket.AF_INET})
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET  # a server of asyncio's serves one of them
+    found = {each.address for card in cards for each in card if each.family is family}
+    mine = sorted(each for each in found if not each.startswith(("127.", "::1", "fe80:")))
     return [
-        f"console: {_address('127.0.0.1', port, token)}",
-        *(f"  from the network: {_address(a, port, token)}" for a in mine if not a.startswith("127.")),
+        f"console: {_address(EVERYWHERE[host], port, token)}",
+        *(f"  from the network: {_address(a, port, token)}" for a in mine),
         "  whoever has this address may give orders; it travels unencrypted: see docs/shore.md",
     ]

@@ -5,6 +5,7 @@ import io
 import socket
 import sys
 import threading
+import webbrowser
 from types import SimpleNamespace
 
 import psutil
@@ -36,13 +37,24 @@ def test_bad_input_is_named(arguments, says, capsys):
     assert says in capsys.readouterr().err
 
 
-def test_from_the_network_every_address_of_this_machine_is_printed(monkeypatch):
+@pytest.mark.parametrize(("host", "address"), [("0.0.0.0", "192.0.2.7"), ("::", "[2001:db8::7]")])
+def test_from_the_network_every_address_of_this_machine_is_printed(host, address, monkeypatch):
     """Debian and Ubuntu name themselves 127.0.1.1 in /etc/hosts: a phone needs the address of the network's card."""
-    card = SimpleNamespace(family=socket.AF_INET, address="192.0.2.7")
-    monkeypatch.setattr(psutil, "net_if_addrs", lambda: {"wlan0": [card]})
+    found = ((socket.AF_INET, "192.0.2.7"), (socket.AF_INET6, "2001:db8::7"), (socket.AF_INET6, "fe80::7%wlan0"))
+    cards = [SimpleNamespace(family=family, address=one) for family, one in found]
+    monkeypatch.setattr(psutil, "net_if_addrs", lambda: {"wlan0": cards})
     monkeypatch.setattr(socket, "gethostname", lambda: "no-such-name.invalid")
-    told = console.addresses("0.0.0.0", 8470, "sesame-123")
-    assert any("http://192.0.2.7:8470/?token=sesame-123" in line for line in told)
+    told = [line for line in console.addresses(host, 8470, "sesame-123") if "from the network" in line]
+    assert told == [f"  from the network: http://{address}:8470/?token=sesame-123"]
+
+
+@pytest.mark.parametrize(("host", "opened"), [("127.0.0.2", "127.0.0.2"), ("0.0.0.0", "127.0.0.1")])
+def test_the_browser_is_sent_where_the_console_serves(host, opened, monkeypatch):
+    pages = []
+    monkeypatch.setattr(webbrowser, "open", pages.append)
+    monkeypatch.setattr(console, "call_when_asked_to_end", lambda loop, end: loop.call_soon(end))
+    assert main(["shore", "--host", host, "--port", "0", "--listen", "tcp/127.0.0.1:0", "--open"]) == 0
+    assert [page.rsplit(":", 1)[0] for page in pages] == [f"http://{opened}"]
 
 
 def test_a_taken_port_is_an_error_that_says_so(capsys):

@@ -158,6 +158,10 @@ def test_what_a_session_dies_of_is_not_hidden(key, monkeypatch):
     [
         ((), "--command-key is missing"),
         (("--command-key", "/nowhere.key"), "--command-key: /nowhere.key"),
+        (
+            ("anna", "--command-key", "/", "--connect", "tcp/192.168.1.20"),
+            "--connect: tcp/192.168.1.20: expected HOST",
+        ),
         (("a/b",), "'a/b': expected a boat's name"),
         (("--name", "a\nb", "--command-key", "/"), "--name"),
     ],

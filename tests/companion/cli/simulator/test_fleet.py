@@ -74,6 +74,15 @@ def test_a_name_twice_is_refused_before_anything_starts(command, tmp_path, capsy
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("command", ["demo", "sim"])
+@pytest.mark.parametrize("endpoint", ["192.168.1.20:7447", "tcp/192.168.1.20"])
+def test_a_shore_that_is_no_endpoint_is_refused_before_anything_starts(command, endpoint, tmp_path, capsys):
+    assert main([command, "--shore", endpoint, "--out", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr()
+    assert told.err.startswith(f"aritra {command}: --shore: ") and endpoint in told.err and not told.out
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("option", ["--udp-to", "--tcp"])
 def test_ports_beyond_the_last_one_are_refused_before_anything_starts(option, tmp_path, capsys):
     words = ["sim", "--boats", "2", option, "127.0.0.1:65530", "--out", str(tmp_path / "out")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import threading
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,6 +19,8 @@ CALLBACK_THREAD = "pyo3-closure"
 """What zenoh's Python package (1.10) calls its threads that run our callbacks."""
 JOIN_S = 0.5
 """How long each of them is waited for."""
+_NETWORK = re.compile(r"(?:tcp|udp|tls|quic)/[^?#]*?(?::([0-9]{1,5}))?(?:[?#].*)?")
+"""An endpoint of these protocols, and its port."""
 
 
 class Setting(NamedTuple):
@@ -38,12 +41,21 @@ def configured(file: Path | None, source: str, settings: Iterable[Setting]) -> z
     except (zenoh.ZError, OSError) as error:
         raise ConfigError(f"{source}: {file}: {error}") from None
     for each in settings:
+        if each.key.endswith("/endpoints") and isinstance(each.value, list):
+            _check_ports(each.source, each.value)
         try:
             config.insert_json5(each.key, json.dumps(each.value))
         except zenoh.ZError as error:
             what = f"expected endpoints, such as {ENDPOINT}" if each.key.endswith("/endpoints") else error
             raise ConfigError(f"{each.source}: {each.value}: {what}") from None
     return config
+
+
+def _check_ports(source: str, endpoints: Iterable[str]) -> None:
+    """Zenoh takes an endpoint without a port, and tries in vain to connect for ever. Raises ConfigError."""
+    for each in endpoints:
+        if (found := _NETWORK.fullmatch(each)) and not (found[1] and int(found[1]) < 2**16):
+            raise ConfigError(f"{source}: {each}: expected HOST:PORT in it, as in {ENDPOINT}")
 
 
 def join_callbacks(before: set[threading.Thread]) -> None:

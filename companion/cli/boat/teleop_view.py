@@ -15,6 +15,7 @@ from typing import TextIO
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 from companion.core.messages import (
     Alert,
@@ -74,30 +75,30 @@ def picture(seen: TeleopState) -> Table:
     table = Table(show_header=False, title="aritra teleop", caption=KEYS, expand=True)
     table.add_column(width=10, no_wrap=True)
     table.add_column(ratio=1)
+
+    def row(name: str, text: str) -> None:
+        table.add_row(name, Text(text))  # as it is: names of missions and logs may hold brackets
+
     mode, e, lease, sticks = seen.mode, seen.estimate, seen.lease, seen.sticks
-    table.add_row("mode", f"{mode.mode.upper()}  {mode.why}" if mode else "starting")
+    row("mode", f"{mode.mode.upper()}  {mode.why}" if mode else "starting")
     if e and e.health != "initialising":
         heading = math.degrees(e.psi_rad) % 360.0
         speeds = f"u {e.u_m_s:+.2f}  v {e.v_m_s:+.2f} m/s  r {math.degrees(e.r_rad_s):+.0f} deg/s"
-        table.add_row(
-            "state", f"N {e.north_m:.2f}  E {e.east_m:.2f} m  heading {heading:.0f} deg  {speeds}  {e.health}"
-        )
+        row("state", f"N {e.north_m:.2f}  E {e.east_m:.2f} m  heading {heading:.0f} deg  {speeds}  {e.health}")
     else:
-        table.add_row("state", f"no position: {e.reason}" if e else "")
+        row("state", f"no position: {e.reason}" if e else "")
     if sticks:
         shares = f"ahead {sticks.surge:+.0%}  starboard {sticks.sway:+.0%}  clockwise {sticks.yaw:+.0%}"
-        table.add_row("sticks", f"{shares}  ({sticks.source}, keys give {seen.level:.0%})")
+        row("sticks", f"{shares}  ({sticks.source}, keys give {seen.level:.0%})")
     if lease:
         pulses = "  ".join(f"{name} {us} us" for name, us in zip(seen.thrusters, lease.pwm_us, strict=False))
-        table.add_row("thrusters", f"{pulses}  [{lease.source}]")
+        row("thrusters", f"{pulses}  [{lease.source}]")
     if seen.excitation and lease and lease.source == "excitation":
         x = seen.excitation
-        table.add_row(
-            "excitation", f"{x.phase}  {min(x.segment + 1, x.segments)}/{x.segments} {x.name} {x.elapsed_s:.0f} s"
-        )
-    table.add_row("log", f"{seen.log}  {seen.note}")
-    table.add_row("ticks", f"late by {seen.late_ms:.1f} ms at most")
-    table.add_row("alerts", "\n".join(seen.alerts))
+        row("excitation", f"{x.phase}  {min(x.segment + 1, x.segments)}/{x.segments} {x.name} {x.elapsed_s:.0f} s")
+    row("log", f"{seen.log}  {seen.note}")
+    row("ticks", f"late by {seen.late_ms:.1f} ms at most")
+    row("alerts", "\n".join(seen.alerts))
     return table
 
 

@@ -32,10 +32,11 @@ def toml_of(run: RunFile) -> str:
     return "\n".join(_lines(msgspec.to_builtins(run))) + "\n"
 
 
-def _lines(values: Mapping[str, Any]) -> Iterator[str]:
+def _lines(values: Mapping[str, Any], within: str = "") -> Iterator[str]:
+    """`within`: the table's own name and a dot."""
     tables = {key: value for key, value in values.items() if isinstance(value, dict)}
     for key, value in values.items():
         if value is not None and key not in tables:
             yield f"{key} = {json.dumps(value, ensure_ascii=False)}"
     for key, table in tables.items():
-        yield from ("", f"[{key}]", *_lines(table))
+        yield from ("", f"[{within}{key}]", *_lines(table, f"{within}{key}."))

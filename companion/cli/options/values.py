@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+LAST_PORT = 65535
 Kind = Callable[[str], Any]
 DIGITS = 18
 """More digits than any whole number here needs; Python itself refuses to read 4300."""
@@ -46,7 +47,7 @@ def seconds(low: float, high: float) -> Callable[[str], float]:
 
 share = number(0.0, 1.0, "a share")
 seed = whole(0, 2**32 - 1, "a seed, a whole number")
-port = whole(0, 65535, "a port")
+port = whole(0, LAST_PORT, "a port")
 angle_deg = number(-360.0, 360.0, "an angle [deg]")
 
 
@@ -54,9 +55,9 @@ def address(text: str) -> tuple[str, int]:
     """HOST:PORT."""
     host, colon, digits = text.rpartition(":")
     try:
-        return host, whole(1, 65535)(digits if colon and host else "")
+        return host, whole(1, LAST_PORT)(digits if colon and host else "")
     except argparse.ArgumentTypeError:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected HOST:PORT, the port 1 to 65535") from None
+        raise argparse.ArgumentTypeError(f"{text!r}: expected HOST:PORT, the port 1 to {LAST_PORT}") from None
 
 
 class Each(argparse.Action):

@@ -11,11 +11,13 @@ import socket
 import sys
 import time
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import psutil
 
+from companion.cli.boat.terminal_writer import TerminalWriter
 from companion.cli.interrupts import call_when_asked_to_end
 from companion.cli.options.extras import how_to_install
 from companion.cli.options.values import port
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
     from companion.shore.foxglove.live import FoxgloveServer
 
 PORT = 8470
+EVERYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}
+"""`--host` of the whole network -> where this machine finds us then."""
 MIN_TOKEN = 8
 
 
@@ -55,13 +59,17 @@ def add_parser(commands) -> None:
 
 def shore(args: argparse.Namespace) -> int:
     """Serve until interrupted; the exit code."""
+    screen = TerminalWriter(sys.stdout)
     try:
-        return asyncio.run(_serve(args))
+        return asyncio.run(_serve(args, lambda text: screen.write(f"{text}\n")))
     except ImportError as error:
         raise ConfigError(f"{error}; {how_to_install('shore')} brings what the console needs") from None
+    finally:
+        screen.close()
 
 
-async def _serve(args: argparse.Namespace) -> int:
+async def _serve(args: argparse.Namespace, say: Callable[[str], object]) -> int:
+    """`say`: takes what is to be said while it serves; neither waits nor raises."""
     from aiohttp import web
 
     from companion.shore.console.files.logs import ServedLogs
@@ -79,7 +87,7 @@ async def _serve(args: argparse.Namespace) -> int:
     names = {"localhost", socket.gethostname().lower(), f"{socket.gethostname().lower()}.local", args.host.lower()}
     logs = ServedLogs(args.logs) if args.logs else None
     guard = RequestAuth(frozenset(names), token)
-    console = Console(ZenohClient(config), guard, keys, compress=not local, logs=logs, say=_say)
+    console = Console(ZenohClient(config), guard, keys, compress=not local, logs=logs, say=say)
     foxglove = _foxglove(console, args.foxglove) if args.foxglove is not None else None
     runner = web.AppRunner(console.app, access_log=None, shutdown_timeout=1.0)
     await runner.setup()
@@ -97,7 +105,8 @@ async def _serve(args: argparse.Namespace) -> int:
     for problem in filter(None, map(keys.problem, files.boats)):
         print(problem, flush=True)
     if args.open:
-        await asyncio.to_thread(webbrowser.open, _address("127.0.0.1", port, token))
+        host: str = args.host
+        await asyncio.to_thread(webbrowser.open, _address(EVERYWHERE.get(host, host), port, token))
     if foxglove:
         print(f"Foxglove: ws://127.0.0.1:{foxglove.port}", flush=True)
     try:
@@ -119,10 +128,6 @@ def _foxglove(console: Console, port: int) -> FoxgloveServer:
     server = FoxgloveServer(port)
     console.also.append(lambda sample: server.see(sample.boat, sample.topic, sample.data, time.time_ns()))
     return server
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)
 
 
 async def _until_signal(work) -> None:
@@ -148,12 +153,14 @@ def _address(host: str, port: int, token: str | None) -> str:
 
 def addresses(host: str, port: int, token: str | None) -> list[str]:
     """What is printed of where the console is: every address of this machine, where it serves the network."""
-    if host not in ("0.0.0.0", "::"):
+    if host not in EVERYWHERE:
         return [f"console: {_address(host, port, token)}"]
     cards = psutil.net_if_addrs().values()
-    mine = sorted({each.address for card in cards for each in card if each.family is socket.AF_INET})
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET  # a server of asyncio's serves one of them
+    found = {each.address for card in cards for each in card if each.family is family}
+    mine = sorted(each for each in found if not each.startswith(("127.", "::1", "fe80:")))
     return [
-        f"console: {_address('127.0.0.1', port, token)}",
-        *(f"  from the network: {_address(a, port, token)}" for a in mine if not a.startswith("127.")),
+        f"console: {_address(EVERYWHERE[host], port, token)}",
+        *(f"  from the network: {_address(a, port, token)}" for a in mine),
         "  whoever has this address may give orders; it travels unencrypted: see docs/shore.md",
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 from pathlib import Path
@@ -16,7 +17,8 @@ NO_FILE = os.strerror(errno.ENOENT)
 class KeyFiles:
     """Command keys: `FILE` for all boats, `BOAT=FILE` for one, or a folder as `aritra demo --shore` makes it, whose
     `command.key` or `BOAT/command.key` may be created later. Raises ConfigError for an option that cannot be meant, a
-    `FILE` for all boats that cannot be used among them; that of one boat is read when it is needed.
+    `FILE` for all boats that cannot be used among them; that of one boat is read when it is needed. Files are read
+    anew each time, for another key may lie there by now.
     """
 
     def __init__(self, options: list[str]) -> None:
@@ -51,7 +53,9 @@ class KeyFiles:
         """The key of a boat. Raises ConfigError for a file that cannot be used."""
         if boat in self._files:
             return load_secret(self._files[boat], where=f"--command-key {boat}=")
-        if self._key is not None:
+        if "" in self._files:
+            with contextlib.suppress(ConfigError):  # what was good at first is, for boats that come later, too
+                self._key = load_secret(self._files[""], where="--command-key")
             return self._key
         for folder in self._folders if boat.strip(".") else ():
             for file in (folder / boat / KEY_FILE, folder / KEY_FILE):

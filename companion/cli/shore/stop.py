@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import re
 import socket
 import sys
+from typing import TextIO
 
 from companion.cli.shore.key_files import KeyFiles
 from companion.cli.shore.network_options import LOCAL, add_network, sender_name
@@ -54,7 +56,7 @@ def stop(args: argparse.Namespace) -> int:
     if not (connect or listen or args.config):
         connect, listen = ([LOCAL], []) if _answers(LOCAL) else ([], [LOCAL])
     client = ZenohClient(config_of(args.config, connect, listen))
-    print(f"STOP to {', '.join(args.boat) or 'all boats in reach'}, {client.where}", file=sys.stderr, flush=True)
+    _say(f"STOP to {', '.join(args.boat) or 'all boats in reach'}, {client.where}", sys.stderr)
     others_s = OTHERS_S if connect else SEARCH_S
     try:
         orders = asyncio.run(stop_boats(client, keys, args.boat, _print, others_s=others_s))
@@ -84,4 +86,10 @@ def _print(order: SentOrder) -> None:
     if order.outcome is not None:
         state = "NOT STOPPED" if order.outcome.status == "refused" else "PARTLY STOPPED" if order.missing else "stopped"
         line = f"{state} after {order.after_ms:.0f} ms: {order.outcome.text}. {order.why}".strip()
-    print(f"{order.boat}: {line}", flush=True)
+    _say(f"{order.boat}: {line}", sys.stdout)
+
+
+def _say(text: str, out: TextIO) -> None:
+    """A terminal that is gone, a full disk or `| head -1` keeps no boat from its stop."""
+    with contextlib.suppress(OSError, ValueError):
+        print(text, file=out, flush=True)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import fcntl
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -23,9 +25,10 @@ from companion.cli.options.extras import how_to_install
 from companion.cli.options.files import mission_file, run_file
 from companion.cli.options.outputs import add_out, new_in_folder
 from companion.cli.options.values import seconds
-from companion.cli.simulator.fleet import FleetBoat
-from companion.cli.simulator.fleet_options import add_fleet_arguments, boats_of
+from companion.cli.simulator.fleet import FleetBoat, device_urls
+from companion.cli.simulator.fleet_options import add_fleet_arguments, boats_of, folders_of
 from companion.cli.simulator.world_options import add_world_arguments, check_start, world_arguments
+from companion.core.configuration.tables import ConfigError
 from companion.logs.log_file import LogError
 from companion.python_child import dependent_aritra
 from drivers.devices import devices_of
@@ -65,10 +68,35 @@ def demo(args: argparse.Namespace) -> int:
     """Drive, score, show; the exit code."""
     setup = load_setup(args.config, mission=args.mission)
     check_start(args, setup)
+    with contextlib.ExitStack() as held:
+        for folder in folders_of(args, setup).values() or [args.out]:
+            held.enter_context(_alone_in(folder))
+        return _demo(args, setup)
+
+
+@contextlib.contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Make the folder, and keep other demos from taking away what is written there. Raises ConfigError."""
+    new_in_folder(folder, ())
+    try:
+        held = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise ConfigError(f"{folder}: {error.strerror}") from None
+    try:
+        with contextlib.suppress(OSError):  # file systems without locks
+            try:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise ConfigError(f"another demo runs in {folder}: choose another --out") from None
+        yield
+    finally:
+        os.close(held)
+
+
+def _demo(args: argparse.Namespace, setup: RunSetup) -> int:
     boats = boats_of(args, setup, {}) or [FleetBoat("", args.out, args.config)]
     try:
         for boat in boats:
-            new_in_folder(boat.folder, ())
             _put_away(boat.folder)
     except OSError as error:
         print(f"aritra demo: {args.out}: {error.strerror}", file=sys.stderr)
@@ -184,10 +212,8 @@ def _start(args: argparse.Namespace, boats: Sequence[FleetBoat], k: int, wires: 
 
 def device_options(keys: Sequence[str], uwb_path: str) -> list[str]:
     """The simulated sensors' wires as options of `aritra run`."""
-    from sim.world.loopback import device_path
-
-    urls = {key: f"serial:{device_path(uwb_path, key)}:115200" for key in keys}
-    options = [("--uwb", url) if key == "uwb" else ("--device", f"{key}={url}") for key, url in urls.items()]
+    urls = device_urls(keys, uwb_path).items()
+    options = [("--uwb", url) if key == "uwb" else ("--device", f"{key}={url}") for key, url in urls]
     return [word for option in options for word in option]
 
 

@@ -11,7 +11,7 @@ import contextlib
 import os
 import re
 import secrets
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,7 +35,7 @@ _NAME = re.compile(r"[A-Za-z0-9_.-]{1,40}")
 
 @dataclass(frozen=True)
 class FleetWires:
-    """Where a boat's devices are: URLs as in a run file."""
+    """Where a boat's devices are. `mavlink`: URL as in a run file; `uwb`: path of the tag, other sensors beside it."""
 
     mavlink: str
     uwb: str
@@ -80,6 +80,13 @@ def fleet(
     return [_boat(name, setup.run, config, folder, shore, wires.get(name)) for name, folder in folders.items()]
 
 
+def device_urls(keys: Iterable[str], uwb_path: str) -> dict[str, str]:
+    """Where the simulated sensors of these keys are, as URLs of a run file."""
+    from sim.world.loopback import device_path
+
+    return {key: f"serial:{device_path(uwb_path, key)}:115200" for key in keys}
+
+
 def default_name(setup: RunSetup) -> str:
     """Name of a single boat."""
     return boat_name(setup.run.telemetry or TelemetryLink(connect=(SHORE,)), setup.pilot.vessel.name)
@@ -92,8 +99,12 @@ def _boat(
     run = absolute(run, config.parent)
     telemetry = _telemetry(run.telemetry, name, shore, where=str(config))
     if wires:
+        urls = device_urls(("uwb", *run.devices), wires.uwb)
         run = replace(
-            run, mavlink=replace(run.mavlink, url=wires.mavlink), uwb=run.uwb and replace(run.uwb, url=wires.uwb)
+            run,
+            mavlink=replace(run.mavlink, url=wires.mavlink),
+            uwb=run.uwb and replace(run.uwb, url=urls["uwb"]),
+            devices={key: replace(wire, url=urls[key]) for key, wire in run.devices.items()},
         )
     run = replace(run, telemetry=telemetry, log=replace(run.log, folder=str(folder.resolve())))
     try:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from companion.boat.load_run import RunSetup
+from companion.boat.uplink.zenoh_session import Setting, configured
 from companion.cli.simulator.fleet import SHORE, FleetBoat, FleetWires, default_name, fleet, names_of
 
 PORTS = 10
@@ -31,6 +32,8 @@ def add_fleet_arguments(p: argparse.ArgumentParser) -> argparse._ArgumentGroup:
 
 def folders_of(args: argparse.Namespace, setup: RunSetup) -> dict[str, Path]:
     """Folder of each boat by its name; empty: one boat, as the run file says. Raises ConfigError."""
+    if args.shore:
+        configured(None, "--shore", [Setting("connect/endpoints", "--shore", [args.shore])])
     if args.boats is not None:
         return {name: args.out / name for name in names_of(args.boats, default_name(setup))}
     return {default_name(setup): args.out} if args.shore else {}

@@ -18,13 +18,13 @@ from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
 from companion.boat.recorder import Recorder
 from companion.cli.options import outputs
 from companion.cli.options.files import run_file
-from companion.cli.options.values import address
+from companion.cli.options.values import LAST_PORT, address
 from companion.cli.simulator.autopilot_options import add_autopilot_arguments, autopilot
 from companion.cli.simulator.firmware_options import add_firmware_arguments, check_options
-from companion.cli.simulator.fleet import FleetBoat
-from companion.cli.simulator.fleet import FleetWires as Urls
+from companion.cli.simulator.fleet import FleetBoat, FleetWires
 from companion.cli.simulator.fleet_options import PORTS, add_fleet_arguments, boats_of, folders_of, place_of
 from companion.cli.simulator.world_options import add_world_arguments, world_setup
+from companion.core.configuration.tables import ConfigError
 from companion.core.messages import Message
 from companion.logs.metadata import log_metadata
 
@@ -89,22 +89,27 @@ def sim(args: argparse.Namespace) -> int:
 
 def _fleet(args: argparse.Namespace, setup: RunSetup) -> list[argparse.Namespace]:
     """Each boat's own options, `boat` among them; empty: one boat."""
-    (host, port), endpoints = args.udp_to, {}
+    endpoints = {}
     for k, name in enumerate(folders_of(args, setup)):
         own = argparse.Namespace(**vars(args) | {"seed": args.seed + k})
         if args.boats is not None:
-            own.udp_to = (host, port + k * PORTS)
+            own.udp_to = _address_of("--udp-to", args.udp_to, k)
             own.uwb = place_of(args.uwb, name)
             own.truth = args.truth and Path(place_of(str(args.truth), name))
-            if args.tcp:
-                own.tcp = (args.tcp[0], args.tcp[1] + k * PORTS)
+            own.tcp = args.tcp and _address_of("--tcp", args.tcp, k)
         endpoints[name] = own
-    wires = {
-        name: Urls("udpin:{}:{}".format(*own.udp_to), f"serial:{own.uwb}:115200") for name, own in endpoints.items()
-    }
+    wires = {name: FleetWires("udpin:{}:{}".format(*own.udp_to), own.uwb) for name, own in endpoints.items()}
     for boat in boats_of(args, setup, wires):
         endpoints[boat.name].boat = boat
     return list(endpoints.values())
+
+
+def _address_of(option: str, first: tuple[str, int], k: int) -> tuple[str, int]:
+    """Of boat k, from the address that is given for the first one. Raises ConfigError."""
+    host, port = first
+    if port + k * PORTS > LAST_PORT:
+        raise ConfigError(f"{option}: {host}:{port}: boat {k + 1} would need port {port + k * PORTS}: take a lower one")
+    return host, port + k * PORTS
 
 
 def _truth_log(path: Path, setup: RunSetup) -> Recorder:

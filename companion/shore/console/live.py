@@ -75,7 +75,7 @@ class Console:
         *,
         compress: bool,
         logs: ServedLogs | None = None,
-        say: Callable[[str], None] = lambda _: None,
+        say: Callable[[str], object] = lambda _: None,
     ) -> None:
         self.store, self.browsers = BoatStore(), set[Browser]()
         self._hearing, self._keys, self._compress = hearing, keys, compress

@@ -31,6 +31,15 @@ def test_bad_configuration_names_file_and_key(tmp_path):
         config_of(TelemetryLink(connect=("somewhere",)), tmp_path, where="run.toml")
 
 
+@pytest.mark.parametrize("endpoint", ["tcp/192.168.1.20", "udp/h:", "tls/[::1]", "quic/h:65536", "tcp/h#iface=a:7447"])
+def test_an_endpoint_without_a_port_is_refused(endpoint, tmp_path):
+    """Zenoh takes it, and tries in vain for ever."""
+    with pytest.raises(ConfigError, match=re.escape(f"run.toml: telemetry.connect: {endpoint}: expected HOST:PORT")):
+        config_of(TelemetryLink(connect=("tcp/h:1", endpoint)), tmp_path, where="run.toml")
+    for good in ("tcp/[fe80::1%eth0]:7447", "tls/h:7447?rel=1", "udp/h:0#iface=eth0", "unixsock-stream/tmp/x"):
+        config_of(TelemetryLink(connect=(good,)), tmp_path, where="run.toml")
+
+
 @pytest.mark.parametrize(
     ("table", "key"),
     [

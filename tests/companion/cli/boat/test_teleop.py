@@ -152,10 +152,19 @@ def test_the_table_shows_what_there_is():
         seen.see(message)
     text = drawn(seen)
     for part in ("MANUAL", "all is ready", "N 1.25  E -2.50", "heading 331 deg", "ahead +30%", "clockwise -15%",
-                 "fp 1620 us", "fs 1480 us", "2/8 steps", "late by 2.5 ms",
+                 "fp 1620 us", "fs 1480 us  [excitation]", "2/8 steps", "late by 2.5 ms",
                  "logs/aritra-1.mcap", "number 19", "SPACE stop"):  # fmt: skip
         assert part in text, part
     assert "number 13" not in text and len(seen.alerts) == ALERTS
+
+
+def test_brackets_in_what_is_shown_are_shown():
+    """A mission of this name that was loaded from shore ended the drawing: the table stood still."""
+    seen = TeleopState(())
+    seen.log = "logs/[bold]/1.mcap"
+    seen.see(ModeStatus(t_ns=0, mode="auto", why="out [/back]", driving=True))
+    seen.see(Alert(t_ns=0, level="info", text="the mission out [/back] is loaded"))
+    assert all(part in drawn(seen) for part in ("AUTO  out [/back]", "[bold]/1.mcap", "mission out [/back] is"))
 
 
 def test_a_terminal_that_takes_nothing_is_not_waited_for():

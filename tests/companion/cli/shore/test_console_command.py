@@ -1,6 +1,11 @@
 """The command line of the console: bad input, ports, keys, names."""
 
+import asyncio
+import io
 import socket
+import sys
+import threading
+import webbrowser
 from types import SimpleNamespace
 
 import psutil
@@ -11,7 +16,8 @@ from companion.cli.shore import console
 from companion.cli.shore.key_files import KeyFiles
 from companion.cli.shore.network_options import default_name
 from companion.core.configuration.tables import ConfigError
-from companion.core.telemetry.order_sender import Sender
+from companion.core.telemetry.order_gate import seal
+from companion.core.telemetry.order_sender import NOWHERE, Sender
 from companion.shore.console import keys
 from tests.companion.command_line import exit_code
 
@@ -31,19 +37,55 @@ def test_bad_input_is_named(arguments, says, capsys):
     assert says in capsys.readouterr().err
 
 
-def test_from_the_network_every_address_of_this_machine_is_printed(monkeypatch):
+@pytest.mark.parametrize(("host", "address"), [("0.0.0.0", "192.0.2.7"), ("::", "[2001:db8::7]")])
+def test_from_the_network_every_address_of_this_machine_is_printed(host, address, monkeypatch):
     """Debian and Ubuntu name themselves 127.0.1.1 in /etc/hosts: a phone needs the address of the network's card."""
-    card = SimpleNamespace(family=socket.AF_INET, address="192.0.2.7")
-    monkeypatch.setattr(psutil, "net_if_addrs", lambda: {"wlan0": [card]})
+    found = ((socket.AF_INET, "192.0.2.7"), (socket.AF_INET6, "2001:db8::7"), (socket.AF_INET6, "fe80::7%wlan0"))
+    cards = [SimpleNamespace(family=family, address=one) for family, one in found]
+    monkeypatch.setattr(psutil, "net_if_addrs", lambda: {"wlan0": cards})
     monkeypatch.setattr(socket, "gethostname", lambda: "no-such-name.invalid")
-    told = console.addresses("0.0.0.0", 8470, "sesame-123")
-    assert any("http://192.0.2.7:8470/?token=sesame-123" in line for line in told)
+    told = [line for line in console.addresses(host, 8470, "sesame-123") if "from the network" in line]
+    assert told == [f"  from the network: http://{address}:8470/?token=sesame-123"]
+
+
+@pytest.mark.parametrize(("host", "opened"), [("127.0.0.2", "127.0.0.2"), ("0.0.0.0", "127.0.0.1")])
+def test_the_browser_is_sent_where_the_console_serves(host, opened, monkeypatch):
+    pages = []
+    monkeypatch.setattr(webbrowser, "open", pages.append)
+    monkeypatch.setattr(console, "call_when_asked_to_end", lambda loop, end: loop.call_soon(end))
+    assert main(["shore", "--host", host, "--port", "0", "--listen", "tcp/127.0.0.1:0", "--open"]) == 0
+    assert [page.rsplit(":", 1)[0] for page in pages] == [f"http://{opened}"]
 
 
 def test_a_taken_port_is_an_error_that_says_so(capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         assert main(["shore", "--port", str(taken.getsockname()[1]), "--listen", "tcp/127.0.0.1:0"]) == 2
     assert "another --port?" in capsys.readouterr().err
+
+
+def test_a_terminal_that_goes_ends_neither_the_console_nor_stop(monkeypatch):
+    """As `aritra shore | tee log` without tee, a full disk, a lost terminal."""
+    said, ended = threading.Event(), []
+
+    class Gone(io.StringIO):
+        def write(self, text):
+            if text.startswith("zenoh: ready"):
+                said.set()
+                raise BrokenPipeError
+            return super().write(text)
+
+    def end_later(loop, end):
+        async def wait():
+            await asyncio.to_thread(said.wait, 20.0)
+            await asyncio.sleep(0.05)
+            ended.append(end())
+
+        loop.waiting = asyncio.ensure_future(wait())
+
+    monkeypatch.setattr(console, "call_when_asked_to_end", end_later)
+    monkeypatch.setattr(sys, "stdout", Gone())
+    assert main(["shore", "--port", "0", "--listen", "tcp/127.0.0.1:0"]) == 0
+    assert said.is_set() and ended == [True], "it ended because it was asked to"
 
 
 def test_keys_for_all_for_one_and_from_a_fleets_folder(tmp_path):
@@ -91,6 +133,32 @@ def test_a_key_that_cannot_be_used_costs_its_boat_only_and_is_told(spoil, fleet,
     files["bad"].write_bytes(bytes(range(32)))
     files["bad"].chmod(0o600)
     assert isinstance(held.of("bad"), Sender) and held.problem("bad") == "", "put right while it runs"
+
+
+@pytest.mark.parametrize("option", ["{}", "boat={}", "{}/"])
+def test_a_key_that_is_replaced_counts_and_one_that_is_away_for_a_moment_goes_on(option, tmp_path, monkeypatch):
+    """A boat that was provisioned anew, or a demo in a new folder, refused STOP until the console was started anew."""
+    monkeypatch.setattr(keys, "LOOK_S", 0.0)
+    file = tmp_path / "command.key"
+
+    def write(key):
+        file.write_bytes(key)
+        file.chmod(0o600)
+
+    write(b"\1" * 32)
+    held = keys.Keys(KeyFiles([option.format(tmp_path if option.endswith("/") else file)]).find, "anna")
+    first = held.of("boat")
+    assert isinstance(first, Sender) and held.of("boat") is first, "its orders are counted"
+    file.unlink()
+    assert held.of("boat") is first and held.problem("boat") == ""
+    write(b"short")
+    file.chmod(0o644)
+    assert held.of("boat") is first and held.problem("boat") == ""
+    write(b"\2" * 32)
+    second = held.of("boat")
+    assert isinstance(second, Sender)
+    order = second.order("stop", at=NOWHERE)
+    assert order.attachment == seal(b"\2" * 32, "boat", order.payload)
 
 
 def test_no_name_of_a_boat_leads_out_of_the_folder(tmp_path):

@@ -2,6 +2,8 @@
 
 import asyncio
 import contextlib
+import io
+import sys
 import threading
 import time
 
@@ -51,6 +53,21 @@ def test_the_named_ones_alone_whatever_their_clock(key, capsys):
         assert stop(port, key, "b", "b") == 0
     assert [boat.obeyed for boat in both] == [[], ["stop"]]
     assert capsys.readouterr().out.startswith("b: stopped after")
+
+
+def test_whoever_no_longer_reads_keeps_no_boat_from_its_stop(key, monkeypatch):
+    """As `aritra stop | head -1`, a full disk, a lost terminal."""
+
+    class Gone(io.StringIO):
+        def write(self, text):
+            raise BrokenPipeError
+
+    port = free_port()
+    with router(port), boats(port, "a") as (boat,), monkeypatch.context() as patch:
+        for stream in ("stdout", "stderr"):
+            patch.setattr(sys, stream, Gone())
+        assert stop(port, key, "a") == 0
+    assert boat.obeyed == ["stop"]
 
 
 @pytest.mark.long
@@ -141,6 +158,10 @@ def test_what_a_session_dies_of_is_not_hidden(key, monkeypatch):
     [
         ((), "--command-key is missing"),
         (("--command-key", "/nowhere.key"), "--command-key: /nowhere.key"),
+        (
+            ("anna", "--command-key", "/", "--connect", "tcp/192.168.1.20"),
+            "--connect: tcp/192.168.1.20: expected HOST",
+        ),
         (("a/b",), "'a/b': expected a boat's name"),
         (("--name", "a\nb", "--command-key", "/"), "--name"),
     ],

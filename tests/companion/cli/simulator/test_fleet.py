@@ -19,6 +19,7 @@ from companion.core.telemetry.order_gate import seal
 from companion.python_child import aritra
 from tests.support.zenoh_fixture import wait_for
 
+DVL = '\n[sensors.dvl]\nrate_Hz = 5.0\nvelocity_sigma_m_s = 0.02\nsource = "assumed"\n'
 TELEMETRY = '\n[telemetry]\nconnect = ["tls/shore:7447"]\nconfig = "zenoh.json5"\nhistory_s = 30.5\n'
 
 
@@ -73,8 +74,26 @@ def test_a_name_twice_is_refused_before_anything_starts(command, tmp_path, capsy
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("command", ["demo", "sim"])
+@pytest.mark.parametrize("endpoint", ["192.168.1.20:7447", "tcp/192.168.1.20"])
+def test_a_shore_that_is_no_endpoint_is_refused_before_anything_starts(command, endpoint, tmp_path, capsys):
+    assert main([command, "--shore", endpoint, "--out", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr()
+    assert told.err.startswith(f"aritra {command}: --shore: ") and endpoint in told.err and not told.out
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("option", ["--udp-to", "--tcp"])
+def test_ports_beyond_the_last_one_are_refused_before_anything_starts(option, tmp_path, capsys):
+    words = ["sim", "--boats", "2", option, "127.0.0.1:65530", "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"aritra sim: {option}: 127.0.0.1:65530: boat 2 would need port 65540")
+    assert not (tmp_path / "out").exists()
+
+
 def test_each_boat_has_a_run_file_with_its_name_wires_and_key(tmp_path):
-    wires = {"bob": FleetWires("udpin:127.0.0.1:14561", "serial:/tmp/bobs-tag:115200")}
+    wires = {"bob": FleetWires("udpin:127.0.0.1:14561", "/tmp/bobs-tag")}
     boats = made(tmp_path, ["anna", "bob"], shore=SHORE, wires=wires)
     setups = [load_setup(boat.config) for boat in boats]
     links = [s.run.telemetry for s in setups]
@@ -87,6 +106,18 @@ def test_each_boat_has_a_run_file_with_its_name_wires_and_key(tmp_path):
     assert stat.S_IMODE((boats[0].folder / "command.key").stat().st_mode) == 0o600
     made(tmp_path, ["anna", "bob"], shore=SHORE)
     assert load_secret(boats[0].folder / "command.key", where="test") == keys[0], "shore may have it already"
+
+
+def test_a_boat_with_a_velocity_log_has_both_wires_in_its_run_file(tmp_path):
+    """It was refused: `dvl: unknown key`."""
+    config = config_with(tmp_path, '\n[devices.dvl]\nurl = "serial:/dev/dvl:115200"\n')
+    (tmp_path / "boat.toml").write_text((EXAMPLES / "boats/aritra.toml").read_text() + DVL)
+    config.write_text(re.sub(r'vessel = ".*"', 'vessel = "boat.toml"', config.read_text()))
+    folders = {name: tmp_path / "out" / name for name in ("anna", "bob")}
+    wires = {"bob": FleetWires("udpin:127.0.0.1:14561", "/tmp/uwb-bob")}
+    boats = fleet(folders, load_setup(config), config, SHORE, wires)
+    urls = [load_setup(boat.config).run.devices["dvl"].url for boat in boats]
+    assert urls == ["serial:/dev/dvl:115200", "serial:/tmp/dvl-bob:115200"]
 
 
 def test_the_run_files_own_telemetry_is_kept_but_for_name_and_shore(tmp_path):

@@ -65,3 +65,24 @@ def test_earlier_results_are_put_away_and_never_overwritten(tmp_path, monkeypatc
     assert {p.read_text() for p in (tmp_path / "earlier-2").iterdir()} == {"of demo 1"}
     out = capsys.readouterr()
     assert "earlier-3" in out.out and "it failed" in out.err
+
+
+@pytest.mark.parametrize("more", [[], ["--boats", "anna", "--shore"]])
+def test_a_second_demo_in_the_same_folder_is_refused_and_touches_nothing(more, tmp_path, monkeypatch, capsys):
+    """It put the log of the first one away, which then told a false verdict."""
+    words, place = ["demo", "--out", str(tmp_path), *more], tmp_path / "anna" if more else tmp_path
+    second = []
+
+    def drive(args, *_):
+        (place / "run.mcap").write_text("of the first")
+        if not second:
+            second.append(None)
+            before = {path: path.read_bytes() for path in place.iterdir()}
+            assert exit_code(*words) == 2
+            assert {path: path.read_bytes() for path in place.iterdir()} == before
+        return ["it failed"]
+
+    monkeypatch.setattr(demo, "drive", drive)
+    assert exit_code(*words) == 1
+    assert f"aritra demo: another demo runs in {place}: choose another --out" in capsys.readouterr().err
+    assert exit_code(*words) == 1, "the first one has ended"

@@ -6,6 +6,23 @@ from tests.support.console_fixture import Page
 
 pytestmark = pytest.mark.alone
 
+BY_HAND = """() => { const line = aritra.connection, real = line.socket;
+line.socket = null; real.close(); clearInterval(line.watch); [line.open, line.clocks] = [true, []];
+globalThis.frame = (now_ms, clocks, samples = []) => line.hear({ type: 'samples', now_ms, clocks, samples });
+globalThis.state = (boat, t_ms, more = {}) => ({ boat, topic: 'state', sample: { run: 'r', t_ns: t_ms * 1e6,
+  north_m: 1, east_m: 2, psi_rad: 0, u_m_s: 0, v_m_s: 0, r_rad_s: 0, covariance: Array(21).fill(0.01),
+  health: 'healthy', ...more } });
+globalThis.anew = () =>
+  line.hear({ type: 'console', started: 'anew', commands: true, problem: '', where: '', logs: false }); }"""
+"""From here on the page hears what a test says: frames, states of boats, and that the console was started anew."""
+
+
+def by_hand(browser, console):
+    page = Page(browser, console)
+    page.wait("document.querySelector('#hears').textContent")
+    page.page.evaluate(BY_HAND)
+    return page
+
 
 def test_a_stop_that_the_network_swallows_is_given_again(console, boat, browser):
     """A phone out of range: no refusal comes back, no answer either."""
@@ -64,3 +81,22 @@ def test_frames_that_come_late_make_the_boats_word_look_old(console, browser):
         return (line.console_ms() - (performance.now() + 5e6)) / 1000; }"""
     )
     assert age_s == pytest.approx(0.0, abs=0.2)
+
+
+def test_a_boat_that_is_not_there_after_the_console_was_started_anew_is_lost(console, browser):
+    """The new console's clock begins anew, too: its computer was started. It hears bob's token, and later its word."""
+    page = by_hand(browser, console)
+    page.page.evaluate(
+        """() => { frame(5e6, { anna: [7e6, true, 1, ''], bob: [7e6, true, 1, ''] },
+          [state('anna', 12e6 - 6e4), state('bob', 12e6 - 6e4)]);
+        aritra.choose('anna'); anew(); frame(1e3, { bob: [null, true, 0, ''] }); }"""
+    )
+    page.wait("document.querySelector('#stop-all').textContent === 'STOP ALL 1'")  # bob's: looked at after the frame
+    assert "its program cannot be reached" in page.text("#link-text")
+    assert page.page.evaluate("['anna', 'bob'].map(aritra.age_s)") == pytest.approx([60.0, 60.0], abs=10.0)
+    assert "cannot be reached" in page.text("#no-orders")
+    assert page.page.locator(".away:visible").count() == 1
+    page.page.evaluate("frame(2e3, { bob: [3e6, true, 1, ''] }, [state('bob', 3e6 + 2e3, { run: 'next' })])")
+    assert page.page.evaluate("aritra.age_s('bob')") < 10.0 and page.page.evaluate("aritra.age_s('anna')") > 59.0
+    assert page.unexpected() == []
+    page.context.close()

@@ -12,9 +12,16 @@ globalThis.frame = (now_ms, clocks, samples = []) => line.hear({ type: 'samples'
 globalThis.state = (boat, t_ms, more = {}) => ({ boat, topic: 'state', sample: { run: 'r', t_ns: t_ms * 1e6,
   north_m: 1, east_m: 2, psi_rad: 0, u_m_s: 0, v_m_s: 0, r_rad_s: 0, covariance: Array(21).fill(0.01),
   health: 'healthy', ...more } });
+globalThis.about = (boat, t_ms) => ({ boat, topic: 'about', sample: { run: 'r', t_ns: t_ms * 1e6,
+  within: [], without: [], thrusters: [], anchors: [{ id: '7', north_m: 3, east_m: 3 }],
+  lat_deg: 0, lon_deg: 0, rotation_deg: 0, unix_minus_t_ns: 0, commands: true } });
+globalThis.order = (number, boat, command, state, status) => line.hear({ type: 'order', number, boat, command, state,
+  asked_ms: line.console_ms(), tries: 1, why: '', after_ms: 9,
+  outcome: status ? { run: 'r', t_ns: 1, status, text: `${command}: heard` } : null });
 globalThis.anew = () =>
   line.hear({ type: 'console', started: 'anew', commands: true, problem: '', where: '', logs: false }); }"""
-"""From here on the page hears what a test says: frames, states of boats, and that the console was started anew."""
+"""From here on the page hears what a test says: frames, samples, orders, and that the console was started anew."""
+LINES = "[...document.querySelectorAll('#answers li')].map((line) => [line.dataset.state, line.innerText])"
 
 
 def by_hand(browser, console):
@@ -99,4 +106,29 @@ def test_a_boat_that_is_not_there_after_the_console_was_started_anew_is_lost(con
     page.page.evaluate("frame(2e3, { bob: [3e6, true, 1, ''] }, [state('bob', 3e6 + 2e3, { run: 'next' })])")
     assert page.page.evaluate("aritra.age_s('bob')") < 10.0 and page.page.evaluate("aritra.age_s('anna')") > 59.0
     assert page.unexpected() == []
+    page.context.close()
+
+
+def test_a_start_whose_answer_is_lost_may_have_come_there_and_the_consoles_word_takes_its_place(console, browser):
+    page, routes = by_hand(browser, console), []
+    page.page.evaluate("anew(); frame(5e6, { anna: [0, true, 1, ''] }, [about('anna', 5e6), state('anna', 5e6)])")
+    page.page.route("**/order", lambda route: routes.insert(0, route))
+    for number, word_first in ((1, True), (2, False)):
+        page.wait("!document.querySelector('#start').disabled")
+        page.page.click("#start")
+        page.page.click("#question .yes")
+        while len(routes) < number:
+            page.page.wait_for_timeout(50)
+        if word_first:
+            page.page.evaluate("order(1, 'anna', 'start', 'answered', 'done')")
+        routes[0].abort("connectionreset")
+        if not word_first:
+            page.wait("document.querySelector('#answers li').dataset.state === 'no_answer'")
+            assert "NO ANSWER" in page.text("#answers li >> nth=0") and "may have come there" in page.text("#says")
+            page.page.evaluate("order(2, 'anna', 'start', 'answered', 'done')")
+        page.page.wait_for_timeout(300)
+        lines = page.page.evaluate(LINES)
+        assert [state for state, _ in lines] == ["answered"] * number, lines
+        assert "start: heard" in page.text("#says")
+    assert page.unexpected("ERR_CONNECTION_RESET") == []
     page.context.close()

@@ -132,3 +132,21 @@ def test_a_start_whose_answer_is_lost_may_have_come_there_and_the_consoles_word_
         assert "start: heard" in page.text("#says")
     assert page.unexpected("ERR_CONNECTION_RESET") == []
     page.context.close()
+
+
+@pytest.mark.parametrize("had", ["[steer.boat, steer.order] = ['anna', 3]", "steer.order = false"])
+def test_sticks_must_be_taken_again_from_a_console_that_was_started_anew(console, browser, had):
+    """They were this page's, or asked for."""
+    page = by_hand(browser, console)
+    page.page.evaluate(
+        """() => { frame(5e6, { anna: [0, true, 1, ''] }, [about('anna', 5e6), state('anna', 5e6)]);
+        globalThis.steer = aritra.steering; steer.setOpen(true); order(4, 'anna', 'start', 'sending'); }"""
+    )
+    page.page.evaluate(f"{had}; anew(); frame(5e6, {{ anna: [0, true, 1, ''] }})")
+    page.wait("document.querySelector('#steer-says').textContent.includes('started anew: take the sticks again')")
+    assert page.page.evaluate("[steer.boat, steer.order]") == [None, None]
+    page.wait("!document.querySelector('#steer-take').disabled")
+    ((told, text),) = page.page.evaluate(LINES)
+    assert told == "no_answer" and "started anew meanwhile" in text
+    assert page.unexpected() == []
+    page.context.close()

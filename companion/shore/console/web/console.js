@@ -64,7 +64,7 @@ const steering = new Steering({ desk, connection, button: $("steer"), chosen: sh
 const driveHere = new DriveHere({ map, desk, button: $("drive-here"), note: $("map-note"), chosen: shown });
 
 function onconsole(about) {
-  if (started !== null && started !== about.started) [desk, fleet].forEach((part) => part.restart());
+  if (started !== null && started !== about.started) [desk, fleet, steering].forEach((part) => part.restart());
   $("log-box").hidden = !about.logs;
   if (about.logs && started !== about.started) showLogs($("logs"));
   started = about.started;

@@ -177,12 +177,13 @@ export class OrderDesk {
     return undefined;
   }
 
-  /** A console that was started anew counts orders from 1 again: what the old one told is only ours now. */
+  /** A console that was started anew counts orders from 1 again: what the old one told is only ours now, and it answers no more. */
   restart() {
     for (const [key, given] of [...this.given]) {
       if (!given.number) continue;
+      const left = given.state === "sending" ? { state: "no_answer", why: "The console was started anew meanwhile." } : {};
       this.given.delete(key);
-      this.given.set(`local ${++this.local}`, { ...given, number: undefined, local: this.local, asked_ms: undefined, old_ms: performance.now() - (this.age_s(given) ?? 0) * 1e3 });
+      this.given.set(`local ${++this.local}`, { ...given, ...left, number: undefined, local: this.local, asked_ms: undefined, old_ms: performance.now() - (this.age_s(given) ?? 0) * 1e3 });
     }
   }
 

@@ -150,3 +150,22 @@ def test_sticks_must_be_taken_again_from_a_console_that_was_started_anew(console
     assert told == "no_answer" and "started anew meanwhile" in text
     assert page.unexpected() == []
     page.context.close()
+
+
+def test_a_sensor_that_fell_silent_under_a_live_boat_is_not_shown_as_of_now(console, browser):
+    page = by_hand(browser, console)
+    page.page.evaluate(
+        """() => { const told = { attitude: { roll_rad: 0.1, pitch_rad: 0.05, heading_rad: 1 },
+          ranges: { ranges: [{ anchor: '7', residual_m: 0.2, accepted: true }] } };
+        frame(5e6, { anna: [0, true, 1, ''] }, [about('anna', 5e6), state('anna', 5e6), ...Object.entries(told).map(
+          ([topic, more]) => ({ boat: 'anna', topic, sample: { run: 'r', t_ns: 5e12, ...more } }))]); }"""
+    )
+    page.wait("document.querySelector('#map .anchor span')?.textContent === '+0.20 m'")
+    assert "Roll 5.7°" in page.text("#attitude") and "autopilot 057°" in page.text("#attitude")
+    assert page.page.get_attribute(".horizon .water", "visibility") != "hidden"
+    page.page.evaluate("frame(5e6 + 3100, {}, [state('anna', 5e6 + 3100)])")
+    page.wait("document.querySelector('#map .anchor.silent span')?.textContent === 'no range'")
+    assert "Roll –°" in page.text("#attitude") and "autopilot –" in page.text("#attitude")
+    assert page.page.get_attribute(".horizon .water", "visibility") == "hidden"
+    assert page.unexpected() == []
+    page.context.close()

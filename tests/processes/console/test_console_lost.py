@@ -169,3 +169,22 @@ def test_a_sensor_that_fell_silent_under_a_live_boat_is_not_shown_as_of_now(cons
     assert page.page.get_attribute(".horizon .water", "visibility") == "hidden"
     assert page.unexpected() == []
     page.context.close()
+
+
+def test_of_a_stop_to_nine_boats_every_answer_is_shown_and_a_failure_stays_longest(console, browser):
+    page = by_hand(browser, console)
+    page.page.evaluate(
+        """() => { const boats = Array.from({ length: 9 }, (_, k) => `b${k}`), clock = [0, true, 1, ''];
+        const clocks = Object.fromEntries(boats.map((boat) => [boat, clock]));
+        anew(); frame(5e6, clocks, boats.map((boat) => state(boat, 5e6)));
+        boats.forEach((boat, k) => order(k + 1, boat, 'stop', 'sending'));
+        boats.forEach((boat, k) => order(k + 1, boat, 'stop', ...(k < 2 ? ['no_answer'] : ['answered', 'done']))); }"""
+    )
+    lines = page.page.evaluate(LINES)
+    assert sorted(text.split(":")[0] for _, text in lines) == [f"STOP → b{k}" for k in range(9)]
+    page.page.evaluate("for (let k = 10; k < 30; k++) order(k, 'b8', 'hold', 'answered', 'done')")
+    lines = page.page.evaluate(LINES)
+    assert len(lines) == 9 and [state for state, _ in lines].count("no_answer") == 2
+    assert lines[0][1].startswith("Hold → b8"), "the newest"
+    assert page.unexpected() == []
+    page.context.close()

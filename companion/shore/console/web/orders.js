@@ -9,7 +9,8 @@ const STOP_PATIENCE_MS = 15000; // so long a stop that found no console is said 
 const ASK_MS = 15000; // an unanswered question goes away
 const NEUTRAL_US = 1500;
 const TRIED_MS = 20000; // so long after the click the console may be asked: a stop is tried for 15 s, and each try has 2 s
-const SHOWN = 6;
+const SHOWN = 6; // or as many as there are boats, for a stop to all
+const LONG_AGO_S = 600; // so old a failure may go like what was done (assumed)
 const WORDS = { stop: "STOP", hold: "Hold", start: "Start", manual: "By hand", load_mission: "Load mission" };
 const wait = (ms) => new Promise((done) => setTimeout(done, ms));
 
@@ -155,13 +156,20 @@ export class OrderDesk {
     const merged = { ...known, ...given, clicked_ms: given.clicked_ms ?? known?.clicked_ms };
     this.given.delete(key);
     this.given.set(key, merged);
-    while (this.given.size > SHOWN) this.given.delete(this.given.keys().next().value);
+    while (this.given.size > Math.max(SHOWN, this.boats().all.length)) this.given.delete(this.leastNeeded());
     const said = this.words(merged);
     const settled = merged.state !== "sending" && merged.state !== known?.state;
     if (settled && (merged.clicked_ms || merged.boat === this.driving)) this.elements.says.textContent = said.join(" ");
     if (settled && merged.boat === this.driving && merged.command === "start") this.driving = null;
     this.draw();
     return merged;
+  }
+
+  /** The line that goes where there are too many: the oldest one that is done or of long ago, or else the oldest; not the newest. */
+  leastNeeded() {
+    const lines = [...this.given].slice(0, -1);
+    const [key] = lines.find(([, given]) => this.kind(given) === "done" || this.age_s(given) > LONG_AGO_S) ?? lines[0];
+    return key;
   }
 
   /** The page's own line for an order that the console now tells of under its number: one order, one line. */

@@ -18,8 +18,8 @@ globalThis.about = (boat, t_ms) => ({ boat, topic: 'about', sample: { run: 'r', 
 globalThis.order = (number, boat, command, state, status) => line.hear({ type: 'order', number, boat, command, state,
   asked_ms: line.console_ms(), tries: 1, why: '', after_ms: 9,
   outcome: status ? { run: 'r', t_ns: 1, status, text: `${command}: heard` } : null });
-globalThis.anew = () =>
-  line.hear({ type: 'console', started: 'anew', commands: true, problem: '', where: '', logs: false }); }"""
+globalThis.anew = () => { line.clocks = []; // as with every new line
+  line.hear({ type: 'console', started: 'anew', commands: true, problem: '', where: '', logs: false }); }; }"""
 """From here on the page hears what a test says: frames, samples, orders, and that the console was started anew."""
 LINES = "[...document.querySelectorAll('#answers li')].map((line) => [line.dataset.state, line.innerText])"
 

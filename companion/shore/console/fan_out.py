@@ -5,9 +5,10 @@ A frame is one text message, every 0.1 s at most:
     {"type": "samples", "now_ms": t, "missed": n,
      "clocks": {boat: [ahead_ms, alive, runs, no_orders]}, "samples": [{boat, topic, sample}]}
 
-`now_ms` is the console's monotonic clock, `ahead_ms` a boat's minus it: so the page knows how old a sample is, and
-goes on counting when no frame comes; `runs`: programs that call themselves by that name at present; `no_orders`: why
-this console can give it none. `missed`: samples that a slow browser was spared since the last frame.
+`now_ms` is the console's monotonic clock, `ahead_ms` a boat's minus it (null: nothing was heard of it yet): so the page
+knows how old a sample is, and goes on counting when no frame comes; `runs`: programs that call themselves by that name
+at present; `no_orders`: why this console can give it none. `missed`: samples that a slow browser was spared since the
+last frame.
 """
 
 from __future__ import annotations
@@ -28,13 +29,14 @@ QUIET_MS = 1000.0
 _ENCODER = msgspec.json.Encoder()
 
 
-Clock = tuple[float, bool, int, str]
+Clock = tuple[float | None, bool, int, str]
 
 
 def clocks(boats: Mapping[str, BoatRecord], now_ms: float) -> dict[str, Clock]:
     """Boat -> (its clock minus ours [ms], whether its token is there, programs of that name, why it gets no orders)."""
     now_ns = round(now_ms * 1e6)
-    return {name: (round(b.ahead_ns * 1e-6, 1), b.alive, len(b.runs(now_ns)), b.no_orders) for name, b in boats.items()}
+    ahead_ms = {name: round(b.ahead_ns * 1e-6, 1) if b.run else None for name, b in boats.items()}
+    return {name: (ahead_ms[name], b.alive, len(b.runs(now_ns)), b.no_orders) for name, b in boats.items()}
 
 
 def entry(sample: Sample) -> dict[str, object]:

@@ -169,6 +169,8 @@ def test_the_chosen_boat_comes_whole_the_others_as_newest_places():
     assert frame(watcher, store, 100.0) is None, "nothing new, nothing sent"
     quiet = frame(watcher, store, QUIET_MS + 1)
     assert quiet["samples"] == [] and quiet["now_ms"] == QUIET_MS + 1, "a sign of life"
+    store.alive("c", True)
+    assert frame(watcher, store)["clocks"] == {"c": [None, True, 0, ""]}, "its token alone: no clock is known"
 
 
 def test_choosing_brings_what_was_kept():

@@ -6,6 +6,30 @@ from tests.support.console_fixture import Page
 
 pytestmark = pytest.mark.alone
 
+BY_HAND = """() => { const line = aritra.connection, real = line.socket;
+line.socket = null; real.close(); clearInterval(line.watch); [line.open, line.clocks] = [true, []];
+globalThis.frame = (now_ms, clocks, samples = []) => line.hear({ type: 'samples', now_ms, clocks, samples });
+globalThis.state = (boat, t_ms, more = {}) => ({ boat, topic: 'state', sample: { run: 'r', t_ns: t_ms * 1e6,
+  north_m: 1, east_m: 2, psi_rad: 0, u_m_s: 0, v_m_s: 0, r_rad_s: 0, covariance: Array(21).fill(0.01),
+  health: 'healthy', ...more } });
+globalThis.about = (boat, t_ms) => ({ boat, topic: 'about', sample: { run: 'r', t_ns: t_ms * 1e6,
+  within: [], without: [], thrusters: [], anchors: [{ id: '7', north_m: 3, east_m: 3 }],
+  lat_deg: 0, lon_deg: 0, rotation_deg: 0, unix_minus_t_ns: 0, commands: true } });
+globalThis.order = (number, boat, command, state, status) => line.hear({ type: 'order', number, boat, command, state,
+  asked_ms: line.console_ms(), tries: 1, why: '', after_ms: 9,
+  outcome: status ? { run: 'r', t_ns: 1, status, text: `${command}: heard` } : null });
+globalThis.anew = () => { line.clocks = []; // as with every new line
+  line.hear({ type: 'console', started: 'anew', commands: true, problem: '', where: '', logs: false }); }; }"""
+"""From here on the page hears what a test says: frames, samples, orders, and that the console was started anew."""
+LINES = "[...document.querySelectorAll('#answers li')].map((line) => [line.dataset.state, line.innerText])"
+
+
+def by_hand(browser, console):
+    page = Page(browser, console)
+    page.wait("document.querySelector('#hears').textContent")
+    page.page.evaluate(BY_HAND)
+    return page
+
 
 def test_a_stop_that_the_network_swallows_is_given_again(console, boat, browser):
     """A phone out of range: no refusal comes back, no answer either."""
@@ -64,3 +88,103 @@ def test_frames_that_come_late_make_the_boats_word_look_old(console, browser):
         return (line.console_ms() - (performance.now() + 5e6)) / 1000; }"""
     )
     assert age_s == pytest.approx(0.0, abs=0.2)
+
+
+def test_a_boat_that_is_not_there_after_the_console_was_started_anew_is_lost(console, browser):
+    """The new console's clock begins anew, too: its computer was started. It hears bob's token, and later its word."""
+    page = by_hand(browser, console)
+    page.page.evaluate(
+        """() => { frame(5e6, { anna: [7e6, true, 1, ''], bob: [7e6, true, 1, ''] },
+          [state('anna', 12e6 - 6e4), state('bob', 12e6 - 6e4)]);
+        aritra.choose('anna'); anew(); frame(1e3, { bob: [null, true, 0, ''] }); }"""
+    )
+    page.wait("document.querySelector('#stop-all').textContent === 'STOP ALL 1'")  # bob's: looked at after the frame
+    assert "its program cannot be reached" in page.text("#link-text")
+    assert page.page.evaluate("['anna', 'bob'].map(aritra.age_s)") == pytest.approx([60.0, 60.0], abs=10.0)
+    assert "cannot be reached" in page.text("#no-orders")
+    assert page.page.locator(".away:visible").count() == 1
+    page.page.evaluate("frame(2e3, { bob: [3e6, true, 1, ''] }, [state('bob', 3e6 + 2e3, { run: 'next' })])")
+    assert page.page.evaluate("aritra.age_s('bob')") < 10.0 and page.page.evaluate("aritra.age_s('anna')") > 59.0
+    assert page.unexpected() == []
+    page.context.close()
+
+
+def test_a_start_whose_answer_is_lost_may_have_come_there_and_the_consoles_word_takes_its_place(console, browser):
+    page, routes = by_hand(browser, console), []
+    page.page.evaluate("anew(); frame(5e6, { anna: [0, true, 1, ''] }, [about('anna', 5e6), state('anna', 5e6)])")
+    page.page.route("**/order", lambda route: routes.insert(0, route))
+    for number, word_first in ((1, True), (2, False)):
+        page.wait("!document.querySelector('#start').disabled")
+        page.page.click("#start")
+        page.page.click("#question .yes")
+        while len(routes) < number:
+            page.page.wait_for_timeout(50)
+        if word_first:
+            page.page.evaluate("order(1, 'anna', 'start', 'answered', 'done')")
+        routes[0].abort("connectionreset")
+        if not word_first:
+            page.wait("document.querySelector('#answers li').dataset.state === 'no_answer'")
+            assert "NO ANSWER" in page.text("#answers li >> nth=0") and "may have come there" in page.text("#says")
+            page.page.evaluate("order(2, 'anna', 'start', 'answered', 'done')")
+        page.page.wait_for_timeout(300)
+        lines = page.page.evaluate(LINES)
+        assert [state for state, _ in lines] == ["answered"] * number, lines
+        assert "start: heard" in page.text("#says")
+    assert page.unexpected("ERR_CONNECTION_RESET") == []
+    page.context.close()
+
+
+@pytest.mark.parametrize("had", ["[steer.boat, steer.order] = ['anna', 3]", "steer.order = false"])
+def test_sticks_must_be_taken_again_from_a_console_that_was_started_anew(console, browser, had):
+    """They were this page's, or asked for."""
+    page = by_hand(browser, console)
+    page.page.evaluate(
+        """() => { frame(5e6, { anna: [0, true, 1, ''] }, [about('anna', 5e6), state('anna', 5e6)]);
+        globalThis.steer = aritra.steering; steer.setOpen(true); order(4, 'anna', 'start', 'sending'); }"""
+    )
+    page.page.evaluate(f"{had}; anew(); frame(5e6, {{ anna: [0, true, 1, ''] }})")
+    page.wait("document.querySelector('#steer-says').textContent.includes('started anew: take the sticks again')")
+    assert page.page.evaluate("[steer.boat, steer.order]") == [None, None]
+    page.wait("!document.querySelector('#steer-take').disabled")
+    ((told, text),) = page.page.evaluate(LINES)
+    assert told == "no_answer" and "started anew meanwhile" in text
+    assert page.unexpected() == []
+    page.context.close()
+
+
+def test_a_sensor_that_fell_silent_under_a_live_boat_is_not_shown_as_of_now(console, browser):
+    page = by_hand(browser, console)
+    page.page.evaluate(
+        """() => { const told = { attitude: { roll_rad: 0.1, pitch_rad: 0.05, heading_rad: 1 },
+          ranges: { ranges: [{ anchor: '7', residual_m: 0.2, accepted: true }] } };
+        frame(5e6, { anna: [0, true, 1, ''] }, [about('anna', 5e6), state('anna', 5e6), ...Object.entries(told).map(
+          ([topic, more]) => ({ boat: 'anna', topic, sample: { run: 'r', t_ns: 5e12, ...more } }))]); }"""
+    )
+    page.wait("document.querySelector('#map .anchor span')?.textContent === '+0.20 m'")
+    assert "Roll 5.7°" in page.text("#attitude") and "autopilot 057°" in page.text("#attitude")
+    assert page.page.get_attribute(".horizon .water", "visibility") != "hidden"
+    page.page.evaluate("frame(5e6 + 3100, {}, [state('anna', 5e6 + 3100)])")
+    page.wait("document.querySelector('#map .anchor.silent span')?.textContent === 'no range'")
+    assert "Roll –°" in page.text("#attitude") and "autopilot –" in page.text("#attitude")
+    assert page.page.get_attribute(".horizon .water", "visibility") == "hidden"
+    assert page.unexpected() == []
+    page.context.close()
+
+
+def test_of_a_stop_to_nine_boats_every_answer_is_shown_and_a_failure_stays_longest(console, browser):
+    page = by_hand(browser, console)
+    page.page.evaluate(
+        """() => { const boats = Array.from({ length: 9 }, (_, k) => `b${k}`), clock = [0, true, 1, ''];
+        const clocks = Object.fromEntries(boats.map((boat) => [boat, clock]));
+        anew(); frame(5e6, clocks, boats.map((boat) => state(boat, 5e6)));
+        boats.forEach((boat, k) => order(k + 1, boat, 'stop', 'sending'));
+        boats.forEach((boat, k) => order(k + 1, boat, 'stop', ...(k < 2 ? ['no_answer'] : ['answered', 'done']))); }"""
+    )
+    lines = page.page.evaluate(LINES)
+    assert sorted(text.split(":")[0] for _, text in lines) == [f"STOP → b{k}" for k in range(9)]
+    page.page.evaluate("for (let k = 10; k < 30; k++) order(k, 'b8', 'hold', 'answered', 'done')")
+    lines = page.page.evaluate(LINES)
+    assert len(lines) == 9 and [state for state, _ in lines].count("no_answer") == 2
+    assert lines[0][1].startswith("Hold → b8"), "the newest"
+    assert page.unexpected() == []
+    page.context.close()

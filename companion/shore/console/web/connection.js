@@ -94,7 +94,7 @@ export class Connection {
     return (this.ahead_ms ?? 0) + performance.now();
   }
 
-  /** POST one order. What the console made of it; {state: "not_sent" or "no_answer", why} where it cannot be reached. */
+  /** POST one order. What the console made of it; {state: "no_answer", unreachable: true} where that is not known: what was under way may have come there. */
   order(body) {
     return this.give("/order", body);
   }
@@ -121,9 +121,8 @@ export class Connection {
       if (answer.ok) return await answer.json();
       const why = answer.status === 403 ? REFUSED : `The console refused it: ${await answer.text()}`;
       return { type: "order", state: "not_sent", ...body, why };
-    } catch (error) {
-      const state = error.name === "TimeoutError" ? "no_answer" : "not_sent"; // what was under way may have come there
-      return { type: "order", state, ...body, tries: 1, why: "The console program does not answer this page.", unreachable: true };
+    } catch {
+      return { type: "order", state: "no_answer", ...body, tries: 1, why: "The console program does not answer this page.", unreachable: true };
     }
   }
 }

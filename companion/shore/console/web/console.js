@@ -64,7 +64,7 @@ const steering = new Steering({ desk, connection, button: $("steer"), chosen: sh
 const driveHere = new DriveHere({ map, desk, button: $("drive-here"), note: $("map-note"), chosen: shown });
 
 function onconsole(about) {
-  if (started !== null && started !== about.started) desk.restart();
+  if (started !== null && started !== about.started) [desk, fleet, steering].forEach((part) => part.restart());
   $("log-box").hidden = !about.logs;
   if (about.logs && started !== about.started) showLogs($("logs"));
   started = about.started;
@@ -75,7 +75,7 @@ function onconsole(about) {
 }
 
 function onframe(frame) {
-  for (const [boat, clock] of Object.entries(frame.clocks)) clocks.set(boat, clock);
+  fleet.hear(frame.clocks, connection.ahead_ms);
   for (const sample of frame.samples) if (history.push(sample)) take(sample);
   if (!chosen) look();
   requestAnimationFrame(draw);

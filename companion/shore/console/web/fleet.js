@@ -2,10 +2,27 @@
 
 export const LOST_S = 5; // silent for so long, and its program out of reach
 
-/** clocks: boat -> [its clock minus the console's, ms; whether its token is there; programs of its name; why no orders]. */
+/** clocks: boat -> [its clock minus the console's, ms, null: not heard; whether its token is there; programs of its name; why no orders]. */
 export class Fleet {
   constructor(history, clocks, age_s) {
-    Object.assign(this, { history, clocks, age_s, away: new Map() });
+    Object.assign(this, { history, clocks, age_s, away: new Map(), left: new Map() });
+  }
+
+  /** The console was started anew, with another clock maybe: boats that it has not heard go on by the page's clock, out of reach. */
+  restart() {
+    for (const boat of this.history.boats()) {
+      this.left.set(boat, (this.history.newest(boat) + this.age_s(boat)) * 1000 - performance.now());
+      this.clocks.set(boat, [this.clocks.get(boat)?.[0] ?? 0, false, 0, ""]);
+    }
+  }
+
+  /** What a frame tells of clocks. `ahead_ms`: the console's clock minus the page's. */
+  hear(told, ahead_ms) {
+    for (const [boat, clock] of Object.entries(told)) {
+      this.clocks.set(boat, clock);
+      if (clock[0] !== null) this.left.delete(boat);
+    }
+    for (const [boat, left_ms] of this.left) this.clocks.get(boat)[0] = left_ms - ahead_ms;
   }
 
   /** Names of boats that were not put away; one that speaks again is there again. */

@@ -2,7 +2,7 @@
 // Places are [north_m, east_m], which Leaflet's plane (CRS.Simple) takes as [y, x].
 
 import { Grid } from "./grid.js";
-import { arrow, ellipse, fresh, outline, placed, sizeOf, toMap } from "./shapes.js";
+import { arrow, ellipse, fresh, heard, outline, placed, sizeOf, toMap } from "./shapes.js";
 
 const L = globalThis.L;
 const INK = "var(--ink)"; // colours are those of theme.css
@@ -192,8 +192,8 @@ export class BoatMap {
   }
 
   /** Anchors with what their last range was off by; red where the filter did not use it. */
-  showAnchors(layers, { about, ranges }, stale) {
-    const told = new Map((ranges?.ranges ?? []).map((r) => [r.anchor, r]));
+  showAnchors(layers, { about, ranges, state }, stale) {
+    const told = new Map((heard(ranges, state)?.ranges ?? []).map((r) => [r.anchor, r]));
     const anchors = about?.anchors ?? [];
     const wanted = anchors.map((a) => `${a.id} ${a.north_m} ${a.east_m}`).join();
     if (layers.anchors !== wanted) {

@@ -8,7 +8,9 @@ const STOP_AGAIN_MS = 400;
 const STOP_PATIENCE_MS = 15000; // so long a stop that found no console is said again
 const ASK_MS = 15000; // an unanswered question goes away
 const NEUTRAL_US = 1500;
-const SHOWN = 6;
+const TRIED_MS = 20000; // so long after the click the console may be asked: a stop is tried for 15 s, and each try has 2 s
+const SHOWN = 6; // or as many as there are boats, for a stop to all
+const LONG_AGO_S = 600; // so old a failure may go like what was done (assumed)
 const WORDS = { stop: "STOP", hold: "Hold", start: "Start", manual: "By hand", load_mission: "Load mission" };
 const wait = (ms) => new Promise((done) => setTimeout(done, ms));
 
@@ -20,6 +22,7 @@ export class OrderDesk {
     this.boats = boats;
     this.given = new Map();
     this.local = 0;
+    this.adopted = new Set(); // lines of the page's own that the console has told of since
     const { stop, stopAll, hold, start, load, file } = elements;
     stop.addEventListener("click", () => this.stop([this.boats().chosen]));
     stopAll.addEventListener("click", () => this.stop(this.boats().all));
@@ -58,12 +61,12 @@ export class OrderDesk {
     if (!boats.length) return;
     const shown = boats.map((boat) => this.begin({ boat, command: "stop" }));
     const end = performance.now() + STOP_PATIENCE_MS;
-    for (let tries = 1; ; tries++) {
+    for (let tries = 1, unsent = true; ; tries++) {
       const given = await this.connection.stop(boats);
       if (given.unreachable) given.tries = tries;
       if (!given.unreachable || performance.now() > end) return shown.forEach((mine, k) => this.told(mine, given[k] ?? given));
       this.connection.hurry();
-      const unsent = given.state === "not_sent";
+      unsent &&= !this.connection.open;
       for (const mine of shown) this.show({ ...mine, unsent, tries, why: `${given.why} Trying again.` });
       await wait(STOP_AGAIN_MS);
     }
@@ -88,9 +91,10 @@ export class OrderDesk {
     return this.show({ ...body, state: "sending", local: ++this.local, clicked_ms: performance.now(), tries: 0 });
   }
 
-  /** What the console made of an order that this page gave. */
+  /** What the console made of an order that this page gave. Where that is not known its own word of it counts. */
   told(shown, given) {
     this.given.delete(`local ${shown.local}`);
+    if (given.unreachable && this.adopted.has(shown.local)) return;
     this.show({ ...given, boat: shown.boat, command: shown.command, local: given.number ? undefined : shown.local, clicked_ms: shown.clicked_ms });
   }
 
@@ -152,7 +156,7 @@ export class OrderDesk {
     const merged = { ...known, ...given, clicked_ms: given.clicked_ms ?? known?.clicked_ms };
     this.given.delete(key);
     this.given.set(key, merged);
-    while (this.given.size > SHOWN) this.given.delete(this.given.keys().next().value);
+    while (this.given.size > Math.max(SHOWN, this.boats().all.length)) this.given.delete(this.leastNeeded());
     const said = this.words(merged);
     const settled = merged.state !== "sending" && merged.state !== known?.state;
     if (settled && (merged.clicked_ms || merged.boat === this.driving)) this.elements.says.textContent = said.join(" ");
@@ -161,32 +165,43 @@ export class OrderDesk {
     return merged;
   }
 
+  /** The line that goes where there are too many: the oldest one that is done or of long ago, or else the oldest; not the newest. */
+  leastNeeded() {
+    const lines = [...this.given].slice(0, -1);
+    const [key] = lines.find(([, given]) => this.kind(given) === "done" || this.age_s(given) > LONG_AGO_S) ?? lines[0];
+    return key;
+  }
+
   /** The page's own line for an order that the console now tells of under its number: one order, one line. */
-  adopt({ boat, command }) {
+  adopt({ boat, command, asked_ms }) {
+    const at_ms = asked_ms - (this.connection.ahead_ms ?? 0); // on the page's clock
     for (const [key, mine] of this.given) {
-      if (mine.number || mine.state !== "sending" || mine.boat !== boat || mine.command !== command) continue;
+      const open = mine.state === "sending" || (mine.unreachable && Math.abs(at_ms - mine.clicked_ms) < TRIED_MS);
+      if (mine.number || !open || mine.boat !== boat || mine.command !== command) continue;
       this.given.delete(key);
+      this.adopted.add(mine.local);
       return { clicked_ms: mine.clicked_ms };
     }
     return undefined;
   }
 
-  /** A console that was started anew counts orders from 1 again: what the old one told is only ours now. */
+  /** A console that was started anew counts orders from 1 again: what the old one told is only ours now, and it answers no more. */
   restart() {
     for (const [key, given] of [...this.given]) {
       if (!given.number) continue;
+      const left = given.state === "sending" ? { state: "no_answer", why: "The console was started anew meanwhile." } : {};
       this.given.delete(key);
-      this.given.set(`local ${++this.local}`, { ...given, number: undefined, local: this.local, asked_ms: undefined, old_ms: performance.now() - (this.age_s(given) ?? 0) * 1e3 });
+      this.given.set(`local ${++this.local}`, { ...given, ...left, number: undefined, local: this.local, asked_ms: undefined, old_ms: performance.now() - (this.age_s(given) ?? 0) * 1e3 });
     }
   }
 
   /** What came of an order: a headline, and the rest. */
-  words({ boat, command, state, why, tries, outcome, after_ms, unsent }) {
+  words({ boat, command, state, why, tries, outcome, after_ms, unsent, unreachable }) {
     const what = `${WORDS[command]} → ${boat}`;
     if (state === "sending" && unsent) return [`${what}: NOT SENT yet (try ${tries}).`, why];
     if (state === "sending") return [`${what}: sent, no answer yet${tries > 1 ? ` (try ${tries})` : ""}.`, why ?? ""];
     if (state === "not_sent") return [`${what}: NOT SENT.`, why];
-    if (state === "no_answer") return [`${what}: NO ANSWER after ${tries} ${tries === 1 ? "try" : "tries"}.`, why];
+    if (state === "no_answer") return [`${what}: NO ANSWER after ${tries} ${tries === 1 ? "try" : "tries"}.`, unreachable ? `${why} The order may have come there.` : why];
     const status = { done: "done", waiting: "accepted, waits", refused: "REFUSED" }[outcome.status] ?? outcome.status;
     const mode = outcome.mode ? ` Mode ${outcome.mode}${outcome.why ? `: ${outcome.why}` : ""}.` : "";
     return [`${what}: ${status}, answered in ${figure(after_ms, 0, "ms")}.`, `“${outcome.text}”${mode}${why ? ` ${why}` : ""}`];

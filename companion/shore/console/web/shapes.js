@@ -97,6 +97,13 @@ export function fresh(sample, state) {
   return sample && state && sample.t_ns > state.t_ns - FRESH_NS ? sample : undefined;
 }
 
+const SENSOR_NS = 3e9; // what sensors say comes twice a second at most
+
+/** The same of what a sensor told: it is told when it is new alone, and one that fell silent tells nothing now. */
+export function heard(sample, state) {
+  return sample && state && sample.t_ns <= state.t_ns - SENSOR_NS ? undefined : sample;
+}
+
 /** A round step (1, 2, 5 times a power of ten) that is at least `least`. */
 export function roundStep(least) {
   const power = 10 ** Math.floor(Math.log10(least));

@@ -69,6 +69,12 @@ export class Steering {
     }
   }
 
+  /** The console was started anew: it knows of no sticks that it gave, nor of any that were asked for. */
+  restart() {
+    if (this.boat || this.order === false) this.leave("The console was started anew: take the sticks again.");
+    this.order = null;
+  }
+
   leave(why) {
     this.letGo();
     this.boat = null;

@@ -53,6 +53,10 @@ MOST = 3.0
 """Nats that one tick may tell; assumed: no single reading decides."""
 CEILING = 60.0
 """Nats at which the largest sum stops growing, so that it can fall again; the others keep their distance."""
+MEMORY_S = 60.0
+"""So long a nat counts in waves that are as large as the noise: what gathers more slowly is a model that is a little
+wrong. Assumed: sound thrusters that were named in waves had gathered it in two to four minutes.
+"""
 
 
 AXES = (np.diag([-1.0, -1.0]), *(np.array([[0.0, x], [y, 0.0]]) for x, y in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0))))
@@ -164,11 +168,13 @@ class ThrusterBank:
         mean += np.einsum("kij,kj->ki", K, nu)
         P -= K @ HP
         P = (P + P.transpose(0, 2, 1)) / 2  # or errors of rounding grow
-        # 5. cumulative sums; a hypothesis that is no better than `sound` begins afresh from it
+        # 5. cumulative sums, in waves with a memory; a hypothesis that is no better than `sound` begins afresh from it
         #    one reading tells MOST at most, of the best against `sound`; what is behind the best stays behind
         gained = TEMPER * (log_likelihood - log_likelihood[0])
         excess = max(0.0, float(gained.max()) - MOST)
-        nats = known * state.nats + np.where(gained > 0.0, np.maximum(gained - excess, 0.0), np.maximum(gained, -MOST))
+        rough = (wave > WAVE_MARGIN * NOISE_VARIANCE).any()
+        kept = known * (np.exp(-dt_s / MEMORY_S) if rough else 1.0) * state.nats
+        nats = kept + np.where(gained > 0.0, np.maximum(gained - excess, 0.0), np.maximum(gained, -MOST))
         nats -= max(0.0, nats.max() - CEILING)
         anew = nats <= 0.0
         nats[anew], anew[0] = 0.0, False

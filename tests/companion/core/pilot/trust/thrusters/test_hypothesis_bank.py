@@ -5,7 +5,15 @@ import pytest
 
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
-from companion.core.pilot.trust.thrusters.hypothesis_bank import AXES, NOISE, ThrusterBank, ThrustHypothesis, hypotheses
+from companion.core.pilot.trust.thrusters.hypothesis_bank import (
+    AXES,
+    MEMORY_S,
+    NOISE,
+    NOISE_TICKS,
+    ThrusterBank,
+    ThrustHypothesis,
+    hypotheses,
+)
 from companion.core.pilot.trust.thrusters.thruster_verdict import AHEAD_NATS, SURE_NATS
 from tests.support.drive_fixture import setup
 
@@ -101,6 +109,20 @@ def test_commands_that_answer_waves_blame_no_thruster(seed):
         state = bank.step(state, w, f, felt(f), 0.1)
         most = max(most, *(n for n, h in zip(state.nats, bank.hypotheses, strict=True) if h.blames_thrust))
     assert most < SURE_NATS
+
+
+@pytest.mark.parametrize(("wave_n", "kept"), [(0.0, 1.0), (20.0, np.exp(-60.0 / MEMORY_S))])
+def test_in_waves_what_spoke_for_a_fault_is_forgotten_where_nothing_more_does(wave_n, kept):
+    """No thrust for a minute, which tells nothing of a gain."""
+    bank, rng = ThrusterBank(B, M), np.random.default_rng(4)
+    k = bank.hypotheses.index(ThrustHypothesis("gain", 0))
+    state = bank.initial()
+    for tick in range(630):
+        w = np.array([wave_n, wave_n, wave_n / 4]) * np.sin(0.3 * tick) + rng.normal(0, 0.8 * np.array(NOISE))
+        state = bank.step(state, w, np.zeros(4), np.zeros(2), 0.1)
+        if tick == NOISE_TICKS:
+            state.nats[k] = 10.0
+    assert state.nats[k] == pytest.approx(10.0 * kept, rel=0.02)
 
 
 def test_covariances_stay_covariances_in_twenty_minutes_of_waves_that_come_and_go():

@@ -20,7 +20,7 @@ import polars as pl
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.pilot.monitors.battery import pack_range
+from companion.core.constants import PACK_SHARES
 from companion.logs.runs.fingerprint import fingerprint, overlap
 from companion.logs.runs.problems import dead_columns, held_rows
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
@@ -168,7 +168,8 @@ def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
 
 def _without_absurd_voltages(run: Run, vessel: VesselFile) -> Run:
     """`run` without voltages that the pack cannot have, as the boat's battery monitor takes them: 0 V for none."""
-    least_v, most_v = pack_range(vessel.propulsion.nominal_voltage_V)
+    nominal_v = vessel.propulsion.nominal_voltage_V
+    least_v, most_v = (share * nominal_v for share in PACK_SHARES)
     seen = run.table["battery_v"]
     absurd = ~seen.is_between(least_v, most_v)  # null stays null
     count = int(absurd.sum())
@@ -176,7 +177,7 @@ def _without_absurd_voltages(run: Run, vessel: VesselFile) -> Run:
         return run
     text = (
         f"battery_v: {count} of {seen.count()} samples (the first {seen.filter(absurd)[0]:g} V) are none of a pack of "
-        f"{vessel.propulsion.nominal_voltage_V:g} V: left out, as if blank"
+        f"{nominal_v:g} V: left out, as if blank"
     )
     blank = pl.when(absurd).then(None).otherwise(seen).alias("battery_v")
     return Run(run.table.with_columns(blank), run.meta).with_notes([LogProblem(kind=DEAD_SENSOR, text=text)])

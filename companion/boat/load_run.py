@@ -15,7 +15,7 @@ from companion.core.configuration.run_file import BatteryLimits, RunFile, load_r
 from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import TEXT, ConfigError, digest
 from companion.core.configuration.vessel_file import RotorMap, Thruster, VesselFile
-from companion.core.constants import NEUTRAL_US, PACK_SHARES
+from companion.core.constants import NEUTRAL_US, pack_range
 from companion.core.excitation.file import load_excitation
 from companion.core.geometry.anchors import hdop, in_a_line
 from companion.core.geometry.frames import Origin
@@ -121,7 +121,7 @@ def _problems(run: RunFile, vessel: VesselFile, names: Mapping[str, str]) -> Ite
     nominal_V = vessel.propulsion.nominal_voltage_V
     for key in ("low_V", "critical_V"):
         limit_V = getattr(run.battery, key)
-        least_V, most_V = (share * nominal_V for share in PACK_SHARES)
+        least_V, most_V = pack_range(nominal_V)
         if limit_V is not None and not least_V <= limit_V <= most_V:
             why = f"readings beyond that are ignored with propulsion.nominal_voltage_V = {nominal_V:g} in {of_vessel}"
             yield f"{of_run}: battery.{key}: expected {least_V:g} to {most_V:g}, found {limit_V:g}: {why}"

@@ -14,7 +14,7 @@ import numpy as np
 from companion.core.configuration.run_file import BatteryLimits
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.constants import PACK_SHARES
+from companion.core.constants import pack_range
 from companion.core.estimation.health import SETTLES
 from companion.core.estimation.ranging.multilateration import multilaterate
 from companion.core.geometry.anchors import hdop
@@ -216,7 +216,7 @@ def battery_rows(observed: Observations, nominal_v: float, limits: BatteryLimits
     b = observed.battery
     empty_v, low_v = limits.critical_V or EMPTY_SHARE * nominal_v, limits.low_V or LOW_SHARE * nominal_v
     needed = f"{low_v:.1f} V or more"
-    least_v, most_v = (share * nominal_v for share in PACK_SHARES)
+    least_v, most_v = pack_range(nominal_v)
     if b is None or not least_v <= b.voltage_v <= most_v:
         counts = limits.low_V is not None or limits.critical_V is not None
         why = "low_V and critical_V of the run file count for nothing" if counts else "thrust depends on it"

@@ -20,7 +20,7 @@ import polars as pl
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.constants import PACK_SHARES
+from companion.core.constants import pack_range
 from companion.logs.runs.fingerprint import fingerprint, overlap
 from companion.logs.runs.problems import dead_columns, held_rows
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
@@ -169,7 +169,7 @@ def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
 def _without_absurd_voltages(run: Run, vessel: VesselFile) -> Run:
     """`run` without voltages that the pack cannot have, as the boat's battery monitor takes them: 0 V for none."""
     nominal_v = vessel.propulsion.nominal_voltage_V
-    least_v, most_v = (share * nominal_v for share in PACK_SHARES)
+    least_v, most_v = pack_range(nominal_v)
     seen = run.table["battery_v"]
     absurd = ~seen.is_between(least_v, most_v)  # null stays null
     count = int(absurd.sum())

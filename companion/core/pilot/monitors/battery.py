@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from companion.core.configuration.run_file import BatteryLimits
-from companion.core.constants import PACK_SHARES
+from companion.core.constants import pack_range
 from companion.core.messages import Alert, Battery
 from companion.core.pilot.modes import Event
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
@@ -77,12 +77,6 @@ class BatteryMonitor(Monitor[BatteryState]):
         if state.critical:
             conditions["battery_critical"] = f"battery critical ({state})"
         return state, MonitorReport(conditions)
-
-
-def pack_range(nominal_v: float) -> tuple[float, float]:
-    """Least and most voltage [V] that a pack of this nominal voltage can have."""
-    least, most = PACK_SHARES
-    return least * nominal_v, most * nominal_v
 
 
 @dataclass(frozen=True)

@@ -124,16 +124,17 @@ class ThrusterBank:
         self.B, self._M, n = B, M, B.shape[1]
         self.hypotheses = hypotheses(n)
         K, self._n = len(self.hypotheses), n
-        self._mean0, self._variance0 = np.zeros((K, n + 10)), np.zeros((K, n + 10))
+        self._size, self._waves = n + 10, [slice(i, i + 2) for i in range(n + 3, n + 9, 2)]
+        self._mean0, self._variance0 = np.zeros((K, self._size)), np.zeros((K, self._size))
         self._d_sigma = np.array([D_SIGMA.get(h.kind, SOUND_D) for h in self.hypotheses])
-        self._free = np.zeros((K, n + 10), dtype=bool)
+        self._free = np.zeros((K, self._size), dtype=bool)
         for k, h in enumerate(self.hypotheses):
             self._variance0[k] = np.r_[np.square(self._d_sigma[k]), np.full(n, GAIN_SIGMA**2), np.zeros(7)]
             if h.kind == "gain":
                 self._mean0[k, 3 + h.i], self._variance0[k, 3 + h.i] = FAULT_GAIN, FAULT_GAIN_SIGMA**2
             elif h.kind == "stuck":
                 self._variance0[k, -1], self._variance0[k, 3 + h.i] = STUCK_SIGMA_N**2, 0.0
-            free = {"gain": [3 + h.i], "stuck": [3 + h.i, n + 9]}.get(h.kind, range(3) if h.kind in D_SIGMA else [])
+            free = {"gain": [3 + h.i], "stuck": [3 + h.i, -1]}.get(h.kind, range(3) if h.kind in D_SIGMA else [])
             self._free[k, list(free)] = True
         self._thrusts = np.array([k for k, h in enumerate(self.hypotheses) if k == 0 or h.blames_thrust])
         self._H0, self._by_f, self._offset_f, self._offset_a = self._measurements()
@@ -186,13 +187,15 @@ class ThrusterBank:
         """A tick later: d forgets itself in D_TIME_S, waves of variances `wave` (3,) go on, what has just stuck spins
         up or down.
         """
-        n, decay, axes = self._n, np.exp(-dt_s / D_TIME_S), np.arange(3)
+        F, decay, axes = np.eye(self._size), np.exp(-dt_s / D_TIME_S), np.arange(3)
         Phi, new = transition(dt_s)
-        F, waves = np.eye(n + 10), slice(n + 3, n + 9)
-        F[axes, axes], F[waves, waves] = decay, np.kron(np.eye(3), Phi)
+        F[axes, axes] = decay
+        for states in self._waves:
+            F[states, states] = Phi
         mean, P = state.mean @ F.T, F @ state.P @ F.T
         P[:, axes, axes] += (1 - decay**2) * self._d_sigma**2
-        P[:, waves, waves] += np.kron(np.diag(wave), new)
+        for states, variance in zip(self._waves, wave, strict=True):
+            P[:, states, states] += variance * new
         P[:, -1, -1] += (state.age_s < SPIN_UP_S) * self._free[:, -1] * SPIN_UP_N**2 * dt_s
         return mean, P
 
@@ -218,9 +221,10 @@ class ThrusterBank:
         w = (H0 + [0 by_f * f 0 0]) x + offset_f f + offset_a a
         """
         n, K, B = self._n, len(self.hypotheses), self.B
-        H0, by_f, offset_f, offset_a = (np.zeros((K, 3, m)) for m in (n + 10, n, n, 2))
+        H0, by_f, offset_f, offset_a = (np.zeros((K, 3, m)) for m in (self._size, n, n, 2))
         H0[:, :, :3], by_f[:] = np.eye(3), B
-        H0[:, :, n + 3 : n + 9] = np.kron(np.eye(3), (0.0, 1.0))  # x2 of each axis
+        for axis, states in enumerate(self._waves):
+            H0[:, axis, states] = 0.0, 1.0
         for k, h in enumerate(self.hypotheses):
             if h.kind == "stuck":
                 H0[k, :, -1], by_f[k, :, h.i], offset_f[k, :, h.i] = B[:, h.i], 0.0, -B[:, h.i]

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from companion.boat.clock import Clock
 from companion.core.messages import Alert
-from companion.logs.part import log_parts
+from companion.logs.part_files import log_parts
 
 NAME = re.compile(r"(aritra-\d{8}-\d{6}(?:-\d+)?)(?:\.part(\d+))?\.mcap")
 FRESH_S = 60.0

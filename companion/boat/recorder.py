@@ -23,7 +23,8 @@ import msgspec
 
 from companion.core.messages import Alert, Message, topic
 from companion.logs.foxglove import VIEWER_KINDS, viewer_message, world_from_ned
-from companion.logs.part import ChannelInfo, LogItem, LogPart, log_parts, part_path
+from companion.logs.part import ChannelInfo, LogItem, LogPart
+from companion.logs.part_files import log_parts, part_path
 from companion.logs.schema import METADATA_NAME, RAW_PREFIX, RawBytes, flow, viewer_schema
 
 PERIOD_S = 0.25  # between flushes; a quarter of the second that may be lost

@@ -19,7 +19,7 @@ from mcap.records import Attachment, Channel
 from mcap.records import Message as MessageRecord
 
 from companion.core.messages import GroundTruth, Message
-from companion.logs.part import log_parts
+from companion.logs.part_files import log_parts
 from companion.logs.part_reader import LogError, Part, head_of, opened
 from companion.logs.schema import KINDS, METADATA_NAME, RAW_PREFIX, VIEWER_PREFIX, RawBytes
 

@@ -9,7 +9,8 @@ import msgspec
 from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as MessageRecord
 
-from companion.logs.part import ChannelInfo, LogItem, LogPart, log_parts
+from companion.logs.part import ChannelInfo, LogItem, LogPart
+from companion.logs.part_files import log_parts
 from companion.logs.part_reader import LogError, Part, head_of, opened
 
 

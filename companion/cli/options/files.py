@@ -12,7 +12,7 @@ from pathlib import Path
 
 from companion.core.configuration import file_kinds as kinds
 from companion.core.configuration.tables import TEXT, ConfigError
-from companion.logs.part import log_parts
+from companion.logs.part_files import log_parts
 
 OTHERS = (*kinds.EXAMPLES, "a picture", "a PDF file", "a ZIP archive", "a program", "an HTML page", "a JSON file")
 """What no log is."""

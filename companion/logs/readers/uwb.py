@@ -78,7 +78,7 @@ def read_uwb(path: Path, wire_format: str | None, site: Site | None, tag_down_m:
 
     Raises RunError, LogError.
     """
-    if path.suffix == ".mcap":
+    if path.suffix.lower() == ".mcap":
         log = LogFile(path)
         messages = list(log.messages(UwbRanges, UwbPosition))
         notes = tuple(LogProblem(kind="damaged", text=text) for text in log.damage)

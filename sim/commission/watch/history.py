@@ -21,7 +21,7 @@ import numpy as np
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
-from companion.logs.part import log_parts
+from companion.logs.part_files import log_parts
 from companion.logs.runs.fingerprint import overlap
 from sim.commission.watch.mission_fit import MissionInformation
 from sim.whole_file import write_whole

@@ -26,7 +26,7 @@ from companion.boat.log_quota import (
 from companion.boat.preflight import disk_state
 from companion.core.configuration.run_file import load_run
 from companion.core.configuration.tables import ConfigError
-from companion.logs.part import part_path
+from companion.logs.part_files import part_path
 from tests.support.drive_fixture import setup
 
 NOW_S = 1_800_000_000.0

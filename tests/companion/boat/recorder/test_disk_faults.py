@@ -12,7 +12,7 @@ import pytest
 import companion.boat.recorder as recorder_module
 from companion.core.messages import Tick
 from companion.logs.log_file import LogFile
-from companion.logs.part import log_parts
+from companion.logs.part_files import log_parts
 from companion.logs.summary import summarise
 from companion.python_child import python
 from tests.companion.boat.recorder.recorder_fixture import make, ticks

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from companion.core.messages import Battery, OperatorCommand, Tick
 from companion.logs.log_file import LogFile
 from companion.logs.metadata import log_metadata
-from companion.logs.part import log_parts, part_path
+from companion.logs.part_files import log_parts, part_path
 from companion.logs.recover import recover
 from companion.logs.schema import RawBytes
 from companion.python_child import python

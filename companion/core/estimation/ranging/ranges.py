@@ -137,18 +137,20 @@ class RangeFusion:
     ) -> tuple[np.ndarray, np.ndarray]:
         """State and covariance after a gate re-opened: is the position wrong, or this anchor's bias?
 
-        The position, if the place nearest to x that three or more ranges explain explains this one too (within
-        `spread_m`), and those of other anchors that agreed with x all the while: x moves there. The bias, if that place
-        does not, or if there is none but two other anchors were accepted of late. Else the position again. What is
-        wrong becomes uncertain by the innovation.
+        The bias, if the range without it fits x (within `spread_m`): a reflection is over. The position, if the place
+        nearest to x that three or more ranges explain explains this one too, and those of other anchors that agreed
+        with x all the while: x moves there. The bias, if that place does not, or if there is none but two other anchors
+        were accepted of late. Else the position again. What is wrong becomes uncertain by the innovation.
         """
         layout, place = self.layout, m.find(x)
-        if place:
+        bias_m = float(x[layout.bias + m.anchor])
+        is_over = abs(nu + bias_m) <= self.spread_m < abs(bias_m)
+        if place and not is_over:
             moved = relocate(layout, x, P, place)
             expected = {m.anchor: m.range_m} | {i: m.model(i, x).h for i in others.agreed}
             if all(abs(h - m.model(i, moved[0]).h) <= self.spread_m for i, h in expected.items()):
                 return moved
-        if place or others.are_accepted:
+        if is_over or place or others.are_accepted:
             bias = (layout.bias + m.anchor,)
             return x, inflate(decorrelate(P, bias), bias, abs(nu))
         return x, inflate(inflate(P, layout.position, abs(nu)), layout.velocity, VELOCITY_SIGMA_M_S)

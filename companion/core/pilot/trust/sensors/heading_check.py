@@ -37,8 +37,9 @@ full thrust does to a compass beside it: with this, 16 runs of a real catamaran 
 BlueBoatSystemIdentification) stay below the limit, without it one that sets off at full thrust reaches 0.22."""
 WINDOWS_S, LATELY_S = (1.0, 5.0, 10.0, 20.0), 25.0
 """An autopilot takes some seconds to follow a compass: thrust of before the window counts. Assumed."""
-SUSPECT_SHARE = 0.5
-"""Of the limit: from there on no thruster is blamed for what may be one of the two; assumed."""
+SUSPECT_SHARE = 0.35
+"""Of the limit, eight sigma of heading noise: from there on no thruster is blamed for what may be one of the two;
+assumed. Half of it is too late for a gyro that turns the other way: thrusters were exchanged 0.3 s before."""
 TICKS = 3
 JUMP_RAD = 0.35
 """From one message to the next beyond what the gyro says: no boat; assumed."""
@@ -147,7 +148,7 @@ class HeadingMonitor(Monitor[HeadingState]):
         beyond = [_contradiction(now, past, window_s, limit_rad) for window_s in WINDOWS_S]
         worst = max(beyond, key=lambda c: c[0])
         is_beyond = worst[0] > 0 and (bool(state.readings.frozen) or worst[0] > _by_thrust_rad(past))
-        is_suspect = beyond[0][0] > -SUSPECT_SHARE * limit_rad
+        is_suspect = beyond[0][0] > (SUSPECT_SHARE - 1) * limit_rad
         state = replace(state, contradicted=state.contradicted + 1 if is_beyond else 0, is_suspect=is_suspect)
         if state.readings.scatter_rad_s > SCATTER_RAD_S:
             what, text = "gyro", "the yaw rate jumps to and fro as no boat turns: the gyro is wrong"

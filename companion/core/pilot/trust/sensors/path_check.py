@@ -1,12 +1,12 @@
 """Ranges against the boat's path: UWB that comes later than the file says, anchors that stand elsewhere, a compass.
 
-    z_i = |a_i - p_tag(t)|      p_tag(t) = c + w t + e^(i phi) (b g(t - tau) + p(t - tau))
+    z_i = |a_i - p_tag(t)|      p_tag(t) = c + w t + a t^2 / 2 + e^(i phi) (b g(t - tau) + p(t - tau))
                                 tau = phi = 0, or tau 0.5 to 2 s, or phi 60 to 300 degrees
 
 Plane vectors are complex numbers here, north + i east. p is the tag's path by two witnesses that know nothing of
 ranges: the model's speed under the commanded thrust, added up (b: scale and rotation of g = p, what a hull and
-thrusters that are off do to it; w: a current), and the specific force, added up twice (b: bias, g = double integral of
-the heading; w: the speed at first). Ranges are late, or turned against the heading, if that explains a window of them
+thrusters that are off do to it; w: a current, a: gusts), and the specific force, added up twice (b: bias, g = double
+integral of the heading; w: the speed at first). Ranges are late, or turned against the heading, if that explains a window of them
 better than all these, by both: the model alone is too early where the boat is heavier than its file says, or thrusters
 are reversed; the specific force alone misleads where its levelling is wrong.
 """
@@ -44,6 +44,8 @@ WAY_M, LEAST_RANGES = 0.5, 8
 FLOW_M_S, SHARE, BIAS_M_S2 = 0.3, 0.15, 0.15
 """Sigmas of a current, of scale and rotation [rad] of the model's path, and of the specific force's bias and level;
 assumed."""
+GUSTS_M_S2, STEADY_M_S2 = 0.01, 1e-4
+"""Sigmas of how the drift changes in gusts, which the model does not know, and the specific force feels; assumed."""
 LATE_NATS, TURNED_NATS, COUNTS_HZ = (12.0, 6.0), (5.0, 2.5), 4.0
 """By model and by specific force. Assumed. Of 80 boats that were up to half as heavy or strong again as
 their file says, or half of that, and 100 in gusts and waves with reflections, none had more than 9 and 4.5 at once for
@@ -197,10 +199,10 @@ class PathMonitor(Monitor[PathState]):
         by_model = way + heading * tag
         by_force = np.cumsum(dt_s * np.cumsum(dt_s * force)) + heading * (tag - imu)
         window, bias = RangeWindow(seen, uwb.range_sigma_m), np.cumsum(dt_s * np.cumsum(dt_s * heading))
-        best, nats = window.best(t_s, by_model, by_model - by_model.mean(), (FLOW_M_S, SHARE))
+        best, nats = window.best(t_s, by_model, by_model - by_model.mean(), (FLOW_M_S, SHARE, GUSTS_M_S2))
         if nats * weight < SUSPECT_NATS[0] or (best.delay_s and (way_m < LATE_WAY_M or len(seen) < LATE_RANGES)):
             return NO_EVIDENCE
-        other, by_it = window.best(t_s, by_force, bias, (np.inf, BIAS_M_S2))
+        other, by_it = window.best(t_s, by_force, bias, (np.inf, BIAS_M_S2, STEADY_M_S2))
         return PathEvidence(best, nats * weight, by_it * weight if best.agrees(other) else 0.0)
 
 

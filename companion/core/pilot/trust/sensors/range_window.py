@@ -56,12 +56,12 @@ class RangeWindow:
         self._sigma_m = sigma_m
 
     def best(
-        self, t_s: np.ndarray, path: np.ndarray, shape: np.ndarray, sigmas: tuple[float, float]
+        self, t_s: np.ndarray, path: np.ndarray, shape: np.ndarray, sigmas: tuple[float, float, float]
     ) -> tuple[PathHypothesis, float]:
         """What explains them best on this path, and by how much better than `PathHypothesis()` [nats].
 
-        `path` and `shape`: p and g at the times `t_s`, complex; `sigmas` of w and b. Nats are divided by how badly even
-        the best explains them: errors that nothing of this is the cause of.
+        `path` and `shape`: p and g at the times `t_s`, complex; `sigmas` of w, b and a. Nats are divided by how badly
+        even the best explains them: errors that nothing of this is the cause of.
         """
         information = np.repeat([UNKNOWN, *(max(s**-2, UNKNOWN) for s in sigmas)], 2)
         at = [(self._t_s - h.delay_s, cmath.rect(1.0, h.turn_rad)) for h in HYPOTHESES]
@@ -71,15 +71,16 @@ class RangeWindow:
         return HYPOTHESES[best], float(costs[0] - costs[best]) / max(1.0, 2 * float(costs[best]) / len(self._t_s))
 
     def _costs(self, path: np.ndarray, shape: np.ndarray, information: np.ndarray) -> np.ndarray:
-        """Negative logarithm of the posterior at its maximum over c, w, b: iteratively reweighted least squares.
+        """Negative logarithm of the posterior at its maximum over c, w, b, a: iteratively reweighted least squares.
 
         For each hypothesis: p and g at the ranges, shapes (d, n); costs (d,).
         """
         toward, since_s = np.conj(self._u), np.broadcast_to(self._t_s - self._t_s[-1], shape.shape)
-        parts = [toward * g * turn for g in (np.ones_like(shape), since_s, shape) for turn in (1.0, 1.0j)]
+        shapes = np.ones_like(shape), since_s, shape, since_s**2 / 2
+        parts = [toward * g * turn for g in shapes for turn in (1.0, 1.0j)]
         A = np.real(np.stack(parts, axis=-1)) / self._sigma_m
         b = (self._along_m - np.real(toward * path)) / self._sigma_m
-        A_T, weight, theta, e = A.transpose(0, 2, 1), np.ones_like(b), np.zeros((len(b), 6)), b
+        A_T, weight, theta, e = A.transpose(0, 2, 1), np.ones_like(b), np.zeros((len(b), 8)), b
         for _ in range(REWEIGHTED):
             weighted = A_T * weight[:, None, :]
             theta = np.linalg.solve(weighted @ A + np.diag(information), (weighted @ b[..., None]))[..., 0]

@@ -8,6 +8,7 @@ from sim.world.environment import Weather
 from tests.fault_lab.draw import draw
 from tests.fault_lab.fault import Fault, parse
 from tests.fault_lab.trial import trial
+from tests.fault_lab.weather import sound_in_weather
 from tests.support.drive_fixture import setup
 
 THRUSTERS = setup(None).pilot.vessel.thrusters
@@ -37,6 +38,21 @@ def test_a_boat_without_a_fault_is_not_accused():
 def test_a_sound_boat_that_starts_in_waves_is_not_stopped():
     weather = Weather(V_c_m_s=0.15, V_w_m_s=5.0, gustiness=0.3, H_s_m=0.25, T_p_s=2.4, beta_w_deg=207)
     verdict = trial(83007, weather=weather, duration_s=30.0, mismatch=0.2)
+    assert verdict.named == () and verdict.mode == "auto"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("seed", "duration_s"),
+    [
+        (30146, 14.0),  # a thruster was stuck, in waves
+        (30240, 43.0),  # gusts: slip of 0.55 m/s
+        (30078, 157.0),  # gusts while it held its place: anchors were turned
+        (30230, 182.0),  # a reflection was over: the estimate jumped by 2 m
+    ],
+)
+def test_a_sound_boat_in_weather_is_not_stopped(seed, duration_s):
+    verdict = sound_in_weather(seed, duration_s)
     assert verdict.named == () and verdict.mode == "auto"
 
 

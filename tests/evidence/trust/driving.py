@@ -16,10 +16,9 @@ from companion.core.messages import Message, Tick
 from companion.core.pilot.monitors.monitor import Monitor
 from companion.core.pilot.pilot import Pilot
 from companion.core.pilot.state import PilotState
-from sim.world.environment import Weather
-from sim.world.sensors import UwbFaults
 from tests.evidence.line import Line, at_least, at_most, exactly, information
 from tests.fault_lab.trial import Verdict, trial
+from tests.fault_lab.weather import ROUND_S, sound_in_weather
 from tests.support.drive_fixture import setup
 
 FAULTY = {
@@ -29,8 +28,6 @@ FAULTY = {
     "swapped": "thruster {} swapped {} from 25",
 }
 HIGH_S = 3.0
-ROUND_S = 300.0
-WAVES_M = (0.0, 0.1, 0.2)
 FALSE_SEED = 30_000
 COST_S = 60.0
 
@@ -60,7 +57,7 @@ def quiet(full: bool) -> Iterator[Line]:
     """False alarms in weather, hull and thrusters off by 20 %, NLOS and dropouts: 1 h (--full: 24 h)"""
     rounds = 288 if full else 12
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        runs = list(pool.map(_weather, range(FALSE_SEED, FALSE_SEED + rounds)))
+        runs = list(pool.map(sound_in_weather, range(FALSE_SEED, FALSE_SEED + rounds)))
     alarms = [v for v in runs if v.mode not in ("auto",)]
     for v in alarms:
         print(f"  seed {v.seed}: {v.modes[-1]}, {[text for _, level, text in v.alerts if level == 'error'][:1]}")
@@ -107,17 +104,6 @@ def cost(full: bool) -> Iterator[Line]:
 def _drive(case: tuple[int, str]) -> Verdict:
     seed, line = case
     return trial(seed, *([line] if line else []))
-
-
-def _weather(seed: int) -> Verdict:
-    rng = np.random.default_rng([seed, 99])
-    towards, wind_from = rng.uniform(0, 360, 2)
-    weather = Weather(
-        V_c_m_s=0.15, beta_c_deg=towards, V_w_m_s=5.0, beta_w_deg=wind_from, gustiness=0.3,
-        H_s_m=float(rng.choice(WAVES_M)), T_p_s=float(rng.uniform(1.6, 2.6)),
-    )  # fmt: skip
-    faults = UwbFaults(dropout=0.1, nlos=0.05)
-    return trial(seed, weather=weather, duration_s=ROUND_S, mismatch=0.2, faults=faults)
 
 
 PARTS = (driving_on, quiet, cost)

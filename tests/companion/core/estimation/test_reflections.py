@@ -135,6 +135,19 @@ def test_two_reflections_at_once_do_not():
         assert boat_.off_m() < 0.3
 
 
+@pytest.mark.parametrize(("anchor", "lost"), [(SECOND, FOURTH), (FOURTH, SECOND)])
+def test_a_reflection_that_lasted_and_is_over_does_not_move_the_boat(anchor, lost):
+    """By its bias of 2 m, a place 2 m away explains three ranges, and the fourth is not there."""
+    boat_ = Watched()
+    for _ in range(8):
+        boat_.hear()
+    for _ in range(3):
+        boat_.hear(**{anchor: 2.0})
+    for without in ((), (lost,), (lost,), (), ()):
+        boat_.hear(without=without)
+        assert boat_.off_m() < 0.4
+
+
 def test_a_drifting_boat_is_where_the_newest_ranges_say():
     anchors, drift = np.array([*ANCHORS_M.values()]), np.array([0.3, -0.2])
     age_s = np.repeat([0.0, 1.0, 2.0], len(anchors))

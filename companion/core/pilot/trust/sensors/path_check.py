@@ -6,9 +6,9 @@
 Plane vectors are complex numbers here, north + i east. p is the tag's path by two witnesses that know nothing of
 ranges: the model's speed under the commanded thrust, added up (b: scale and rotation of g = p, what a hull and
 thrusters that are off do to it; w: a current, a: gusts), and the specific force, added up twice (b: bias, g = double
-integral of the heading; w: the speed at first). Ranges are late, or turned against the heading, if that explains a window of them
-better than all these, by both: the model alone is too early where the boat is heavier than its file says, or thrusters
-are reversed; the specific force alone misleads where its levelling is wrong.
+integral of the heading; w: the speed at first). Ranges are late, or turned against the heading, if that explains a
+window of them better than all these, by both: the model alone is too early where the boat is heavier than its file
+says, or thrusters are reversed; the specific force alone misleads where its levelling is wrong.
 """
 
 from __future__ import annotations

@@ -134,8 +134,9 @@ def test_what_is_said_again_for_another_reason_does_not_hang():
 
 
 def test_one_of_them_that_may_be_wrong_keeps_thrusters_from_being_blamed():
-    """A gyro that is wrong by a tenth of a turn: not enough to say so."""
-    assert watched(lambda psi, r, rng: (psi, r + 0.09)).is_suspect
+    """A gyro that is wrong by 3 degrees a second for a second: not enough to say so."""
+    early = watched(lambda psi, r, rng: (psi, r + 0.055), end_s=FAULT_S + 1.2)
+    assert early.is_suspect and not early.findings
     assert not watched(lambda psi, r, rng: (psi, r)).is_suspect
     assert watched(lambda psi, r, rng: (psi, r + rng.normal(0, 0.1))).is_suspect, "what was found is not believed"
     assert not watched(lambda psi, r, rng: (psi + 0.4, r)).is_suspect, "a heading that jumped is left out"

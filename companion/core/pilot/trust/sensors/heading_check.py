@@ -95,7 +95,8 @@ class HeadingMonitor(Monitor[HeadingState]):
     def __init__(self, vessel: VesselFile, rotation_rad: float):
         """`rotation_rad`: of the site's axes, in which what the file knows of the compass counts."""
         self._sensor, self._rotation_rad = AttitudeSensor(vessel.sensors.imu), rotation_rad
-        self._most_n = np.array([t.most_N for t in vessel.thrusters])
+        most_n = np.array([t.most_N for t in vessel.thrusters])
+        self._share_per_n = 1 / (len(most_n) * most_n)
 
     def on_message(
         self, state: HeadingState, message: Attitude | OperatorCommand, t_ns: int
@@ -136,8 +137,8 @@ class HeadingMonitor(Monitor[HeadingState]):
         if state.now is None or view.belief is None:
             return state, NOTHING
         model = state.now.model_rad + view.period_s * view.model_nu[2]
-        thrust_n = view.belief.f_n[: len(self._most_n)]
-        now = replace(state.now, model_rad=model, share=float(np.mean(np.abs(thrust_n) / self._most_n)))
+        thrust_n = np.abs(view.belief.f_n[: len(self._share_per_n)])
+        now = replace(state.now, model_rad=model, share=float(thrust_n @ self._share_per_n))
         first, last = _first(state.past, now.t_ns - round(LATELY_S * 1e9)), _first(state.past, now.t_ns)
         past = (*state.past[first:last], now)
         drives_ns = (view.t_ns if state.drives_ns is None else state.drives_ns) if view.driving else None

@@ -17,6 +17,7 @@ import cmath
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from statistics import fmean
 from typing import NamedTuple
 
@@ -66,6 +67,7 @@ class PathEvidence(NamedTuple):
         return self.by_model >= by_model and self.by_force >= by_force
 
 
+FORCE_OF = attrgetter("ax_m_s2", "ay_m_s2", "az_m_s2")
 NO_EVIDENCE = PathEvidence(PathHypothesis(), 0.0, 0.0)
 
 
@@ -165,9 +167,10 @@ class PathMonitor(Monitor[PathState]):
             is_gap = not state.path or view.t_ns * 1e-9 - state.path[-1].t_s > GAP_S
             waiting = tuple(m for m in state.cycles if view.t_ns * 1e-9 - m.t_ns * 1e-9 <= WINDOW_S)
             return replace(self.initial, cycles=waiting) if is_gap else state
-        level = [to_level(*belief.tilt, m.ax_m_s2, m.ay_m_s2, m.az_m_s2) for m in state.forces]
+        mean = map(fmean, zip(*map(FORCE_OF, state.forces), strict=True))
+        ahead, starboard, _ = to_level(*belief.tilt, *mean)
         t_s, heading, (u, v, _) = view.t_ns * 1e-9, cmath.rect(1.0, float(belief.x[2])), view.model_nu
-        force = complex(fmean(a[0] for a in level), fmean(a[1] for a in level))
+        force = complex(ahead, starboard)
         tag = complex(*belief.x[:2]) + heading * complex(uwb.x_m, uwb.y_m)
         tag_m = np.array([tag.real, tag.imag, uwb.z_m])
         point = PathPoint(t_s, heading, heading * complex(u, v), heading * force)

@@ -10,7 +10,8 @@ untrusted                       `trust.sensors`: `heading_check`, `motion_check`
 crippled                        `trust.thrusters.thruster_monitor`
 what the autopilot has against arming is kept by `arming_refusals`, readings that repeat themselves are left out by
 `stuck_sensor` and `trust.sensors.repeated_ranges`, those that had queued up by `stall`, ranges that come late are said
-by `path_check`, a battery that is not told by `battery.BatteryWatch`: no conditions
+by `path_check`, those that gates reject too often by `trust.sensors.rejected_ranges`, a battery that is not told by
+`battery.BatteryWatch`: no conditions
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ from companion.core.pilot.trust.sensors.accelerometer_check import Accelerometer
 from companion.core.pilot.trust.sensors.heading_check import HeadingMonitor
 from companion.core.pilot.trust.sensors.motion_check import MotionMonitor
 from companion.core.pilot.trust.sensors.path_check import PathMonitor
+from companion.core.pilot.trust.sensors.rejected_ranges import RejectedRangesMonitor
 from companion.core.pilot.trust.sensors.repeated_ranges import RepeatedRangesMonitor
 from companion.core.pilot.trust.thrusters.thruster_monitor import ThrusterMonitor
 
@@ -74,6 +76,7 @@ def monitors_of(settings: PilotSettings, channels: tuple[int, ...], anchors: tup
             StickMonitor(control.manual_timeout_s),
             MotionMonitor(vessel),
             PathMonitor(vessel.sensors, settings.site),
+            RejectedRangesMonitor(vessel),
             ThrusterMonitor(vessel),
             ProgressMonitor(),
         )

@@ -25,7 +25,7 @@ from companion.core.messages import Alert, Message, topic
 from companion.logs.foxglove import VIEWER_KINDS, viewer_message, world_from_ned
 from companion.logs.part import ChannelInfo, LogItem, LogPart
 from companion.logs.part_files import log_parts, part_path
-from companion.logs.schema import METADATA_NAME, RAW_PREFIX, RawBytes, flow, viewer_schema
+from companion.logs.schema import GOES_ON_NAME, METADATA_NAME, RAW_PREFIX, RawBytes, flow, viewer_schema
 
 PERIOD_S = 0.25  # between flushes; a quarter of the second that may be lost
 RETRY_S = 5.0  # between attempts on a disk that refused
@@ -91,8 +91,7 @@ class Recorder:
         self._lock = threading.Lock()
         self._closed = False
         self._writing_ns: int | None = None  # since when the disk's side has been at it; read by the caller's thread
-        self._retry_ns = 0
-        self._number = 0
+        self._retry_ns = self._number = 0
         self._part: LogPart | None = None
         self._begin()
         self._stop = threading.Event()
@@ -219,6 +218,7 @@ class Recorder:
             part.sync()
             at_risk = 0
             if part.size >= self._rotate_bytes:
+                part.add_metadata(GOES_ON_NAME, {})
                 part.finish()
                 self._part = None
                 self._part = self._open()

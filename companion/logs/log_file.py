@@ -91,6 +91,7 @@ class LogFile:
         self.undecodable.clear()
         self.read, self.lacks_after = 0, None
         last: dict[str, tuple[int, int]] = {}  # topic -> number that its next message has, `read` after its last one
+        goes_on = ""
         for _, part, problem in opened(self.paths):
             if problem:
                 self.damage.append(problem)
@@ -106,6 +107,8 @@ class LogFile:
                 yield entry
             if part.damage:
                 self.damage.append(part.damage)
+            goes_on = part.goes_on
+        self.damage += [goes_on] if goes_on else []
         for topic, count in self.undecodable.items():
             odd = f"{count} messages do not fit their class in this version: left out"
             self.damage.append(f"{self.path}: {topic}: {odd}")

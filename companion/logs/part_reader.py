@@ -13,7 +13,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from companion.logs.metadata import config_sha256, files_in
 from companion.logs.records import Found, Records
-from companion.logs.schema import METADATA_NAME
+from companion.logs.schema import GOES_ON_NAME, METADATA_NAME
 
 
 class LogError(Exception):
@@ -22,7 +22,7 @@ class LogError(Exception):
 
 class Part:
     """Records of one file. While `records` is read: the places `lost` so far. After it is exhausted: `damage` (None:
-    sound) and bytes kept and lost.
+    sound), bytes kept and lost, and what to say where it `goes_on` in a file that is not there.
 
     Raises LogError (with the path) for a file in which no record stands.
     """
@@ -31,6 +31,7 @@ class Part:
         self.path = path
         self.damage: str | None = None
         self.lost: list[Found] = []
+        self.goes_on = ""
         self.kept_bytes = 0
         self.lost_bytes = 0
         try:
@@ -61,7 +62,11 @@ class Part:
                     continue
                 self.kept_bytes += found.end - found.start
                 closed = closed or found.closes
-                yield from found.records
+                for record in found.records:
+                    if isinstance(record, Metadata) and record.name == GOES_ON_NAME:
+                        self.goes_on = f"{self.path}: the log goes on in another part, which is not here"
+                    else:
+                        yield record
         if lost and lost[0].start == 0:
             self.kept_bytes -= len(MCAP0_MAGIC)
         self.lost_bytes = self.size - self.kept_bytes

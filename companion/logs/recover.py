@@ -45,6 +45,7 @@ def recover(path: Path, out: Path | None = None) -> RecoverReport:
         copied: set[tuple[type, str]] = set()
         for record in head:
             _copy_head(record, target, copied)
+        goes_on = ""
         for part_path, part, problem in opened(paths):
             if problem:
                 report.damage.append(problem)
@@ -52,6 +53,8 @@ def recover(path: Path, out: Path | None = None) -> RecoverReport:
                 report.lost_bytes += part_path.stat().st_size
                 continue
             _copy(part, target, report, copied)
+            goes_on = part.goes_on
+        report.damage += [goes_on] if goes_on else []
         target.finish()
     except BaseException as error:  # Ctrl-C, too: half a copy would bar the way of the next attempt
         target.discard()

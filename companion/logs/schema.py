@@ -18,6 +18,8 @@ from companion.core.messages import INPUTS, NOTES, OUTPUTS, Message, topic
 RAW_PREFIX = "/raw/"
 VIEWER_PREFIX = "/foxglove/"
 METADATA_NAME = "aritra"
+GOES_ON_NAME = "aritra/goes on"
+"""Metadata at the end of a file of a log that has another one after it."""
 
 KINDS: dict[str, type[Message]] = {topic(kind): kind for kind in (*INPUTS, *OUTPUTS, *NOTES)}
 

@@ -100,7 +100,10 @@ def test_a_part_of_another_run_is_left_out_and_told(drive_log, tmp_path):
     log = LogFile(other / first.name)
     ticks = [tick.index for tick in log.messages(Tick)]
     assert ticks == [tick.index for tick in LogFile(alone(first, tmp_path)).messages(Tick)]
-    assert log.damage == [f"{other / second.name}: is part of another run than drive.mcap: left out"]
+    assert log.damage == [
+        f"{other / second.name}: is part of another run than drive.mcap: left out",
+        f"{other / first.name}: the log goes on in another part, which is not here",
+    ]
     assert recover(other / first.name, tmp_path / "sound.mcap").damage == log.damage
 
 

@@ -103,8 +103,15 @@ def test_rotation_gives_sound_parts_that_read_as_one(tmp_path, step_clock):
             summary = make_reader(file, validate_crcs=True).get_summary()
         assert summary is not None
         assert summary.statistics is not None
-    assert ticks(LogFile(path)) == list(range(6000))
+    whole = LogFile(path)
+    assert ticks(whole) == list(range(6000)) and whole.damage == []
     assert not recorder.lost
+    parts[-1].rename(tmp_path / "not copied.mcap")
+    of_fewer, joined = LogFile(path), recover(path)
+    assert ticks(of_fewer) == list(range(joined.messages - len(parts) + 1))  # a viewer's frame in each
+    for damage in (of_fewer.damage, joined.damage):
+        assert damage == [f"{parts[-2]}: the log goes on in another part, which is not here"]
+    assert LogFile(Path(joined.out)).damage == []
 
 
 @pytest.mark.long

@@ -152,6 +152,16 @@ def test_sticks_must_be_taken_again_from_a_console_that_was_started_anew(console
     page.context.close()
 
 
+def test_sticks_that_were_refused_and_sticks_without_an_answer_are_told_apart(console, browser):
+    said = Page(browser, console).page.evaluate(
+        """async () => { const { Steering } = await import('/web/driving/steer.js');
+        return ['answered', 'no_answer'].map((state) => { const page = { order: false, wanted: 'anna', waits: 7 };
+          Steering.prototype.note.call(page, { boat: 'anna', number: 7, state, outcome: { status: 'refused' } });
+          return page.lost; }); }"""
+    )
+    assert "did not give" in said[0] and "No answer" in said[1]
+
+
 def test_a_sensor_that_fell_silent_under_a_live_boat_is_not_shown_as_of_now(console, browser):
     page = by_hand(browser, console)
     page.page.evaluate(

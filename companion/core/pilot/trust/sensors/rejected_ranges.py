@@ -25,10 +25,10 @@ REJECTED, ACCEPTED = math.log(BAD_SHARE / SOUND_SHARE), math.log((1 - BAD_SHARE)
 
 @dataclass(frozen=True)
 class RejectionState:
-    """`sum` [nats]; `told`: that too many are rejected, until the sum is 0 again."""
+    """`sum` [nats]; `is_high`: since it reached `LIMIT`, until it is 0 again."""
 
     sum: float = 0.0
-    told: bool = False
+    is_high: bool = False
 
 
 class RejectedRangesMonitor(Monitor[RejectionState]):
@@ -47,13 +47,13 @@ class RejectedRangesMonitor(Monitor[RejectionState]):
             return state, NOTHING
         ratio = ACCEPTED if message.accepted else REJECTED
         total = min(max(0.0, state.sum + self._weight * ratio), 2 * LIMIT)
-        now = RejectionState(total, total >= LIMIT or (state.told and total > 0.0))
-        if now.told is state.told:
+        now = RejectionState(total, total >= LIMIT or (state.is_high and total > 0.0))
+        if now.is_high is state.is_high:
             return now, NOTHING
         text = f"{self._words.readings} fit the estimate again"
-        if now.told:
+        if now.is_high:
             text = (
                 f"{self._words.readings}: a third or more do not fit the estimate and are rejected (reflections, or is"
                 " the estimate wrong?)"
             )
-        return now, MonitorReport(alerts=(Alert(t_ns=t_ns, level="warning" if now.told else "info", text=text),))
+        return now, MonitorReport(alerts=(Alert(t_ns=t_ns, level="warning" if now.is_high else "info", text=text),))

@@ -62,7 +62,8 @@ export class Steering {
       this.order = given.number;
       const yes = given.state === "answered" && given.outcome.status !== "refused";
       this.boat = yes && this.open ? given.boat : null;
-      this.lost = yes ? "" : "The boat did not give this page the sticks.";
+      const refused = given.state === "answered";
+      this.lost = yes ? "" : refused ? "The boat did not give this page the sticks." : "No answer from the boat: take the sticks again.";
       if (yes && !this.open) this.desk.stop([given.boat]); // closed before the answer
     } else if (this.boat && given.boat === this.boat && given.number > this.order && [...LEAVES, "manual"].includes(given.command)) {
       this.leave(`${given.command === "manual" ? "Another page has taken the sticks" : `${given.command} was given`}: this page drives no more.`);

@@ -63,7 +63,8 @@ def quiet(full: bool) -> Iterator[Line]:
             runs.append(v)
             if v.mode != "auto":
                 alarms += 1
-                print(f"  seed {v.seed}: {v.modes[-1]}, {[text for _, level, text in v.alerts if level == 'error'][:1]}")
+                errors = [text for _, level, text in v.alerts if level == "error"]
+                print(f"  seed {v.seed}: {v.modes[-1]}, {errors[:1]}")
             if len(runs) % HOUR_ROUNDS == 0:
                 print(f"  {len(runs)} of {rounds} rounds: {alarms} changes of the mode", flush=True)
     hours = rounds * ROUND_S / 3600

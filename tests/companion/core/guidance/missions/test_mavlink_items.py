@@ -166,6 +166,14 @@ GOOD = (0, 3, 16, 0, 0, 0, 0, 12.9916, 80.2338, 0, 1)
         ),
         (wpl(GOOD).replace("12.9916", "nan"), "line 3 (item 1): latitude None"),
         (wpl(GOOD).replace("\n1\t", "\n7\t"), "line 3 (item 1): has index 7"),
+        (
+            wpl(GOOD).replace("0\t1\t0\t16", "0\t1\t3\t16"),
+            "line 2 (item 0): is command 16 NAV_WAYPOINT in frame 3, not home",
+        ),
+        (
+            wpl(GOOD).replace("0\t1\t0\t16", "0\t1\t0\t178"),
+            "line 2 (item 0): is command 178 DO_CHANGE_SPEED in frame 0",
+        ),
     ],
 )
 def test_a_waypoint_file_that_is_not_understood_says_which_line(text, expected):

@@ -104,6 +104,16 @@ def test_a_number_that_no_float_holds_is_refused_by_its_key():
         load_vessel(text, name="x")
 
 
+@pytest.mark.parametrize(
+    "at", [("inertia", "x_g_m"), ("thrusters", 2, "y_m"), ("sensors", "imu", "z_m"), ("sensors", "uwb", "x_m")]
+)
+def test_a_place_far_beyond_the_hull_is_refused(at):
+    with pytest.raises(
+        ConfigError, match=re.escape(f"{spelled(at)}: expected -2.94 to 2.94, found -20: a hull of 1.47 x")
+    ):
+        load_vessel(changed("boats/aritra.toml", at, -20.0), name="boats/aritra.toml")
+
+
 @pytest.mark.parametrize(("mass_kg", "found"), [(1000.0, "1000"), (0.5, "0.5")])
 def test_a_mass_that_the_hull_cannot_have_is_refused(mass_kg, found):
     text = changed("boats/aritra.toml", ("inertia", "mass_kg"), mass_kg)

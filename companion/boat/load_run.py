@@ -237,6 +237,8 @@ def _role_of_mission(roles: Iterable[str]) -> str:
 def _geometry(site: Site) -> Iterator[str]:
     """What the anchors' places are not good for, by the limits of `aritra check`, in the middle of the fence."""
     places_m = site.anchors_m
+    if sunk := [anchor.id for anchor in site.anchors if anchor.down_m > 0]:
+        yield f"anchors below the water ({', '.join(sunk)}): no tag hears them there; above it down_m is negative"
     if 0 < len(places_m) < START_ANCHORS:
         yield f"{len(places_m)} anchors in the site file: a start from ranges needs {START_ANCHORS}"
     elif len(places_m) and in_a_line(places_m):

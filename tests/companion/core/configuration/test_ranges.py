@@ -149,6 +149,7 @@ def test_anchors_that_give_no_position_are_refused(anchors, says):
         ([(0.0, 0.0, -2.5), (30.0, 0.0, -2.5)], "2 anchors in the site file: a start from ranges needs 3"),
         ([(0.0, 0.0, -2.5), (15.0, 15.0, -2.5), (30.0, 30.2, -2.5)], "the anchors stand in a line"),
         ([(0.0, 13.0, -2.5), (0.0, 15.0, -2.5), (1.5, 16.0, -2.5)], r"error grows \d+\.\d times in the position"),
+        ([(0.0, 0.0, -2.5), (30.0, 0.0, 2.5), (30.0, 30.0, 2.5)], r"anchors below the water \(1, 2\)"),
     ],
 )
 def test_anchors_that_give_a_poor_position_are_warned_of(tmp_path, anchors, says):

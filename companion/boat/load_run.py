@@ -177,6 +177,13 @@ def warnings(setup: RunSetup) -> list[str]:
         for i, (start, end) in enumerate(pairwise(setup.pilot.mission.path.points), 1)
         if fence.is_crossed(start, end)
     ]
+    path = setup.pilot.mission.path
+    texts += [
+        f"waypoint {i}: its acceptance radius of {w.acceptance_m:g} m reaches back to the waypoint before it, "
+        f"{leg_m:.1f} m away: it counts as passed there"
+        for i, (w, leg_m) in enumerate(zip(path.waypoints[1:], path.lengths_m, strict=True), 2)
+        if w.acceptance_m and w.acceptance_m >= leg_m
+    ]
     if setup.pilot.guidance.end == "drift":
         end = (
             " and the heading at the end of the mission is not kept"

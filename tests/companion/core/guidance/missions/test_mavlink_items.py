@@ -179,3 +179,9 @@ GOOD = (0, 3, 16, 0, 0, 0, 0, 12.9916, 80.2338, 0, 1)
 def test_a_waypoint_file_that_is_not_understood_says_which_line(text, expected):
     (found,) = errors(text, "waypoints")
     assert found.startswith(expected)
+
+
+def test_a_fence_that_repeats_its_first_corner_says_what_to_do():
+    corners = [geodetic_from_site(ORIGIN, *c) for c in ((0, 0), (30, 0), (30, 30), (0, 0))]
+    (found,) = errors(plan(item(), geoFence={"polygons": [{"inclusion": True, "polygon": corners}]}), "plan")
+    assert found.endswith("corner 0 and corner 2 touch: give each corner once, in order along the fence")

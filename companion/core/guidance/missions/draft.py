@@ -84,11 +84,11 @@ class Draft:
         """Set the heading at the end, degrees clockwise from true north or from the site's first axis."""
         if heading_deg is None:
             return
-        if not math.isfinite(heading_deg):
-            self.error(place, f"heading is not a number: {heading_deg}")
+        if not _within(heading_deg, 360.0):
+            self.error(place, f"heading: expected -360 to 360 deg, found {heading_deg:g}")
             return
         turned = self.origin.rotation_rad if from_north and self.origin else 0.0
-        self.end_heading_rad = math.radians(heading_deg) - turned
+        self.end_heading_rad = math.fmod(math.radians(heading_deg) - turned, math.tau)
 
     def position(self, place: str, latitude: object, longitude: object) -> tuple[float, float] | None:
         """Latitude, longitude [deg] -> (north, east) [m], site axes; None, and an error, where it is none."""

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from companion.core.geometry.frames import geodetic_from_site
+from companion.core.geometry.frames import Origin, geodetic_from_site
 from companion.core.guidance.missions.mission import parse
 from tests.companion.core.guidance.missions.mission_texts import ORIGIN, TURNED, errors
 
@@ -48,6 +48,12 @@ def test_yaw_of_the_last_position_is_the_end_heading_from_the_sites_axis(command
     text = plan(item(**point(1, 0)), item(command, p1=0 if command == 17 else 30, p4=90, **point(5, 0)))
     mission = parse(text, "plan", origin=TURNED)
     assert mission.end_heading_rad == pytest.approx(math.radians(60.0))
+
+
+def test_a_heading_at_the_end_stays_within_one_turn_however_the_site_is_turned():
+    site = Origin(ORIGIN.latitude_deg, ORIGIN.longitude_deg, math.radians(-30.0))
+    mission = parse(plan(item(p4=350)), "plan", origin=site)  # 380 deg would be refused where it is written to TOML
+    assert mission.end_heading_rad == pytest.approx(math.radians(20.0))
 
 
 def test_nulls_are_parameters_not_given():

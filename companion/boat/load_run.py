@@ -177,6 +177,13 @@ def warnings(setup: RunSetup) -> list[str]:
         for i, (start, end) in enumerate(pairwise(setup.pilot.mission.path.points), 1)
         if fence.is_crossed(start, end)
     ]
+    path = setup.pilot.mission.path
+    texts += [
+        f"waypoint {i}: its acceptance radius of {w.acceptance_m:g} m reaches back to the waypoint before it, "
+        f"{leg_m:.1f} m away: it counts as passed there"
+        for i, (w, leg_m) in enumerate(zip(path.waypoints[1:], path.lengths_m, strict=True), 2)
+        if w.acceptance_m and w.acceptance_m >= leg_m
+    ]
     if setup.pilot.guidance.end == "drift":
         end = (
             " and the heading at the end of the mission is not kept"
@@ -237,6 +244,8 @@ def _role_of_mission(roles: Iterable[str]) -> str:
 def _geometry(site: Site) -> Iterator[str]:
     """What the anchors' places are not good for, by the limits of `aritra check`, in the middle of the fence."""
     places_m = site.anchors_m
+    if sunk := [anchor.id for anchor in site.anchors if anchor.down_m > 0]:
+        yield f"anchors below the water ({', '.join(sunk)}): no tag hears them there; above it down_m is negative"
     if 0 < len(places_m) < START_ANCHORS:
         yield f"{len(places_m)} anchors in the site file: a start from ranges needs {START_ANCHORS}"
     elif len(places_m) and in_a_line(places_m):

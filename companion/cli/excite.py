@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 import time
 from pathlib import Path
@@ -154,7 +155,11 @@ def design(args: argparse.Namespace, console: Console) -> int:
         f"Made by `aritra excite design` for vessel {setup.pilot.vessel.name}, site {setup.pilot.site.name}.\n{summary}"
     )
     args.out.write_text(excitation_toml(plan, comment), encoding="utf-8")
-    for line in (*left_out, summary, f"wrote {args.out}; fly it with `aritra run --excite {args.out}`"):
+    for line in (
+        *left_out,
+        summary,
+        f"wrote {args.out}; fly it with `aritra run --excite {shlex.quote(str(args.out))}`",
+    ):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     if args.picture:
         _picture_of_plan(flown, plan, setup, args.picture)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -142,6 +143,6 @@ def _answer(question: Question, given: Any, ask: Callable[[str], str] | None) ->
 def _print_next(out: Path, *, guessed: bool, example: str) -> None:
     print(f"wrote {out}")
     print(f"measure next:{' the mass,' * guessed} places of thrusters and sensors, which way each thruster pushes")
-    print(f"then drive ten minutes by hand and: aritra identify LOG --vessel {out} --out DIR")
+    print(f"then drive ten minutes by hand and: aritra identify LOG --vessel {shlex.quote(str(out))} --out DIR")
     print(f"to try it: cp -rn deploy/. my, in my/{example}.toml vessel = {json.dumps(str(out.resolve()))},")
     print(f"then aritra demo --config my/{example}.toml")

@@ -70,7 +70,7 @@ truth_log = _log("the simulator's own log (truth.mcap)", (*OTHERS, "an ArduPilot
                                                           "a telemetry log (.tlog)", "a compressed file"))  # fmt: skip
 
 
-log_beside = _file("a UWB log (.mcap, or lines of text)", lambda found: found in (*OTHERS, kinds.BINARY))
+log_beside = _file("a UWB log (.mcap, or lines of text)", lambda found: found in (*OTHERS, kinds.BINARY, kinds.UTF16))
 
 zenoh_file = _file("zenoh's own file (.json5)", lambda found: found != "a JSON file", "deploy/zenoh/shore.json5")
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 RUN, VESSEL, SITE = "a run file", "a vessel file", "a site file"
 MISSION, EXCITATION, CAMPAIGN = "a mission", "an excitation file", "a campaign file"
 MCAP, BINARY = "an MCAP log", "binary data"
+UTF16 = "text in UTF-16, not in UTF-8 (as PowerShell's `>` writes it)"
 EXAMPLES = {
     RUN: "deploy/aritra.toml",
     VESSEL: "deploy/boats/aritra.toml",
@@ -41,6 +42,8 @@ _BEGINS = {
     b"QGC WPL": MISSION,
     b"<!doctype html": "an HTML page",
     b"<html": "an HTML page",
+    b"\xff\xfe": UTF16,
+    b"\xfe\xff": UTF16,
 }
 _JSON = {rb'"fileType"\s*:\s*"Plan"': MISSION, rb'"type"\s*:\s*"Feature': "a GeoJSON file"}
 

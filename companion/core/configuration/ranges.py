@@ -63,10 +63,15 @@ def _walk_table(node: dict[str, Any], kind: inspect.StructType, path: str) -> It
 
 def _walk_one_of(node: Any, kind: inspect.UnionType, path: str) -> Iterator[str]:
     """A union of tables goes by their tag; one of a number and nothing, or of number and text, by what fits."""
+    tagged = [option for option in kind.types if isinstance(option, inspect.StructType) and option.tag_field]
+    if tagged and isinstance(node, dict):
+        key, tags = str(tagged[0].tag_field), [option.tag for option in tagged]
+        if node.get(key, tags[0]) not in tags:
+            yield f"{_join(path, key)}: expected {', '.join(map(str, tags))}, found {node[key]!r}"
     for option in kind.types:
         if isinstance(option, inspect.StructType):
-            tagged = isinstance(node, dict) and option.tag_field and node.get(option.tag_field) != option.tag
-            if not tagged:
+            is_other = isinstance(node, dict) and option.tag_field and node.get(option.tag_field) != option.tag
+            if not is_other:
                 yield from _walk(node, option, path)
         else:
             yield from _walk(node, option, path)

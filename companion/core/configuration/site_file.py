@@ -15,7 +15,7 @@ import numpy as np
 from companion.core.configuration import file_kinds
 from companion.core.configuration.tables import ConfigError, SourcedTable, parse_toml
 from companion.core.geometry.anchors import SAME_PLACE_M, in_one_place, on_one_another
-from companion.core.geometry.fence import FARTHEST_CORNER_M, MOST_CORNERS, clearance, crossing, enclosed_m2
+from companion.core.geometry.fence import FARTHEST_CORNER_M, MOST_CORNERS, ONCE, clearance, crossing, enclosed_m2
 
 Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_CORNER_M, le=FARTHEST_CORNER_M)]
 """A place in site axes [m]."""
@@ -71,7 +71,7 @@ def load_site(text: str, *, name: str) -> Site:
         raise ConfigError(f"{name}: fence: {problem}: leave out those that lie nearly on a line with their neighbours")
     if edges := crossing(site.fence):
         problem = f"the edges that begin at corner {edges[0]} and corner {edges[1]} touch"
-        raise ConfigError(f"{name}: fence: {problem}: give each corner once, in order along the fence")
+        raise ConfigError(f"{name}: fence: {problem}: {ONCE}")
     if (m2 := enclosed_m2(site.fence)) < LEAST_FENCE_M2:
         raise ConfigError(f"{name}: fence: encloses {m2:g} m^2; expected at least {LEAST_FENCE_M2:g}")
     return site

@@ -32,6 +32,8 @@ FARTHEST_CORNER_M = 10_000
 MOST_CORNERS = 300
 """Of a site's fence, and of all fences of a mission. With 500 in all the controller is built in 7 s and a plan takes
 0.3 ms, with four in 4 s and 0.2 ms; with 1000 in 47 s (measured on 2 cores)."""
+ONCE = "give each corner once, in order along the fence"
+"""Where edges touch: KML and GeoJSON repeat the first corner at the end."""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ def _problems(vessel: VesselFile) -> Iterator[str]:
         yield f"sensors: expected one of the tables uwb and gnss, found {found}"
     yield from _thruster_problems(vessel)
     yield from _mass_problems(vessel)
+    yield from _place_problems(vessel)
     if np.linalg.eigvalsh(model.mass_matrix(vessel)).min() <= 0:
         yield "inertia: M_RB + M_A is not positive definite; look at Y_rdot_kg_m, x_g_m and y_g_m"
     D = model.linear_damping(vessel)
@@ -136,6 +137,25 @@ def _mass_problems(vessel: VesselFile) -> Iterator[str]:
         size = f"{hull.length_m:g} x {hull.beam_m:g} x {hull.draft_m:g} m (length, beam, draft)"
         expected = f"expected {least_kg:.3g} to {most_kg:.3g}, found {vessel.inertia.mass_kg:g}"
         yield f"inertia.mass_kg: {expected}: a hull of {size} displaces at most {box_kg:.3g} kg"
+
+
+FARTHEST_PLACE = 2.0
+"""A place from the origin over the hull's length (or beam): an origin at one end, and a boom as long; assumed."""
+
+
+def _place_problems(vessel: VesselFile) -> Iterator[str]:
+    """Places far beyond the hull: centimetres for metres, which move the boat on the map by as much."""
+    tables = {"inertia": vessel.inertia, **dict(_controls(vessel))}
+    tables |= {
+        f"sensors.{key}": table for key in ("imu", "uwb", "gnss", "dvl") if (table := getattr(vessel.sensors, key))
+    }
+    hull = vessel.hull
+    most_m = FARTHEST_PLACE * max(hull.length_m, hull.beam_m)
+    for at, table in tables.items():
+        for key in ("x_g_m", "y_g_m", "x_m", "y_m", "z_m"):
+            if abs(value := getattr(table, key, 0.0)) > most_m:
+                expected = f"expected {-most_m:g} to {most_m:g}, found {value:g}"
+                yield f"{at}.{key}: {expected}: a hull of {hull.length_m:g} x {hull.beam_m:g} m; metres from its origin"
 
 
 MUNK_SPEED_M_S = 3.0

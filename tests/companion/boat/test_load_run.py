@@ -183,6 +183,15 @@ def test_a_leg_through_a_pier_is_told_of(folder):
     assert leg.startswith("the leg from waypoint 1 to 2 leaves the fence: the boat may stand before it")
 
 
+def test_a_waypoint_that_counts_as_passed_before_its_leg_is_told_of(folder):
+    wide = "[[waypoints]]\nnorth_m = 18.0\neast_m = 15.0\nacceptance_m = 8.0\n"
+    (folder / MISSION).write_text(mission_text(((10.0, 15.0),)) + wide)
+    (radius,) = warnings(load_setup(folder / RUN))
+    assert radius.startswith(
+        "waypoint 2: its acceptance radius of 8 m reaches back to the waypoint before it, 8.0 m away"
+    )
+
+
 def test_a_boat_that_needs_way_is_told_what_it_cannot_do(folder):
     (folder / VESSEL).write_text((EXAMPLES / "boats" / "rudder.toml").read_text())
     setup = load_setup(folder / RUN)

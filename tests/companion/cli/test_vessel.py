@@ -55,6 +55,12 @@ def test_a_file_that_cannot_be_written_is_one_sentence(capsys):
     assert "aritra vessel: /proc/boat.toml: " in capsys.readouterr().err
 
 
+def test_the_command_to_go_on_with_takes_a_path_with_spaces(tmp_path, capsys):
+    path = tmp_path / "my boat.toml"
+    assert new(path, *SIZE, "--layout", "x") == 0
+    assert f"aritra identify LOG --vessel '{path}' --out DIR" in capsys.readouterr().out
+
+
 def test_answers_that_end_early_write_nothing(tmp_path, capsys):
     def ask(question):
         raise EOFError

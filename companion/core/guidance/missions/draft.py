@@ -10,7 +10,7 @@ from typing import TypeGuard
 import msgspec
 
 from companion.core.configuration.tables import found_wrong
-from companion.core.geometry.fence import FARTHEST_CORNER_M, MOST_CORNERS, crossing
+from companion.core.geometry.fence import FARTHEST_CORNER_M, MOST_CORNERS, ONCE, crossing
 from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.guidance.path import Path, Waypoint, path_problems
 
@@ -84,16 +84,17 @@ class Draft:
         """Set the heading at the end, degrees clockwise from true north or from the site's first axis."""
         if heading_deg is None:
             return
-        if not math.isfinite(heading_deg):
-            self.error(place, f"heading is not a number: {heading_deg}")
+        if not _within(heading_deg, 360.0):
+            self.error(place, f"heading: expected -360 to 360 deg, found {heading_deg:g}")
             return
         turned = self.origin.rotation_rad if from_north and self.origin else 0.0
-        self.end_heading_rad = math.radians(heading_deg) - turned
+        self.end_heading_rad = math.fmod(math.radians(heading_deg) - turned, math.tau)
 
     def position(self, place: str, latitude: object, longitude: object) -> tuple[float, float] | None:
         """Latitude, longitude [deg] -> (north, east) [m], site axes; None, and an error, where it is none."""
         if not _within(latitude, 90.0) or not _within(longitude, 180.0):
-            self.error(place, f"latitude {latitude}, longitude {longitude} is not a position")
+            swapped = self._hint_if_swapped(latitude, longitude)
+            self.error(place, f"latitude {latitude}, longitude {longitude} is not a position{swapped}")
             return None
         if self.origin is None:
             self.error(place, "latitude and longitude need the site's origin, and no site was given")
@@ -101,11 +102,20 @@ class Draft:
         north, east = site_from_geodetic(self.origin, latitude, longitude)
         away = math.hypot(north, east)
         if away > FARTHEST_M:
-            remedy = "plan it there, or set lat_deg, lon_deg of the site file"
+            remedy = "plan it there, or set lat_deg, lon_deg of the site file" + self._hint_if_swapped(
+                latitude, longitude
+            )
             away_km = f"{away / 1000:.1f} km"
             self.error(place, f"is {away_km} from the site's origin, farther than {FARTHEST_M:g} m: {remedy}")
             return None
         return north, east
+
+    def _hint_if_swapped(self, latitude: object, longitude: object) -> str:
+        """What to say where the place lies at the site with its two numbers exchanged; else nothing."""
+        if self.origin is None or not _within(longitude, 90.0) or not _within(latitude, 180.0):
+            return ""
+        near = math.hypot(*site_from_geodetic(self.origin, longitude, latitude)) <= FARTHEST_M
+        return "; it would be there with latitude and longitude exchanged" if near else ""
 
     def fence(self, place: str, inclusion: bool, corners: Sequence[tuple[float, float] | None]) -> None:
         """Add a fence; a corner that is None has been reported already."""
@@ -119,7 +129,7 @@ class Draft:
         elif len(polygon) + sum(len(fence.polygon) for fence in self.fences) > MOST_CORNERS:
             self.error(place, f"{len(polygon)} corners; the fences of a mission may have {MOST_CORNERS} together")
         elif len(polygon) > 2 and (edges := crossing(polygon)):
-            self.error(place, f"the edges that begin at corner {edges[0]} and corner {edges[1]} touch")
+            self.error(place, f"the edges that begin at corner {edges[0]} and corner {edges[1]} touch: {ONCE}")
         self.fences.append(MissionFence(inclusion, polygon))
 
     def finish(self, name: str) -> Mission:

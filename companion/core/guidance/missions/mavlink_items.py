@@ -29,6 +29,8 @@ INSTEAD: dict[int, str] = dict.fromkeys((18, 20, 21), "; the boat keeps station 
 """What happens without the item, for those that end a mission elsewhere."""
 FRAMES = (0, 3, 5, 6, 10, 11)
 """MAV_FRAME with latitude and longitude: global, above home or terrain, and their integer forms."""
+HOME_FRAMES = (0, 5)
+"""Of these without "above home": ground stations and autopilots write home so, and never a waypoint of their own."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,10 @@ def _simple_items(draft: Draft, found: list[_Item]) -> list[MissionItem]:
 
 
 def read_waypoints(draft: Draft, text: str) -> None:
-    """A QGC WPL 110 file into the draft. Item 0 is home: it must be there, and is not driven to."""
+    """A QGC WPL 110 file into the draft. Item 0 is home: it must be there, and is not driven to.
+
+    Files that programs without a home write begin with their first waypoint instead: it would be left out.
+    """
     lines = text.splitlines()
     if not lines or lines[0].split() != ["QGC", "WPL", "110"]:
         draft.error("line 1", f"expected 'QGC WPL 110', found {lines[0][:40] if lines else 'nothing'!r}")
@@ -206,6 +211,11 @@ def read_waypoints(draft: Draft, text: str) -> None:
             item = _waypoints_line(draft, f"line {number} (item {count})", line, count)
             if item and count > 0:
                 items.append(item)
+            elif item and (item.command != WAYPOINT or item.frame not in HOME_FRAMES):
+                found = (
+                    f"is {item.name} in frame {item.frame}, not home (command 16 in frame 0), and would not be driven"
+                )
+                draft.error(item.place, f"{found}: put a line for home before it, and number the items anew")
             count += 1
     read_items(draft, items)
 

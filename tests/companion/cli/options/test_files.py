@@ -66,6 +66,7 @@ def test_a_mission_has_four_formats(name):
         (b"<!DOCTYPE html><p>", "is an HTML page"),
         (b'{"a": 1}', "is a JSON file"),
         (bytes(range(32)), "is binary data"),
+        ('name = "x"'.encode("utf-16"), "is text in UTF-16, not in UTF-8"),
         (b"\x00" * 7 + b"\x01\xfd" + b"\x09" * 20, "is a telemetry log"),
     ],
 )

@@ -104,6 +104,16 @@ def test_a_number_that_no_float_holds_is_refused_by_its_key():
         load_vessel(text, name="x")
 
 
+@pytest.mark.parametrize(
+    "at", [("inertia", "x_g_m"), ("thrusters", 2, "y_m"), ("sensors", "imu", "z_m"), ("sensors", "uwb", "x_m")]
+)
+def test_a_place_far_beyond_the_hull_is_refused(at):
+    with pytest.raises(
+        ConfigError, match=re.escape(f"{spelled(at)}: expected -2.94 to 2.94, found -20: a hull of 1.47 x")
+    ):
+        load_vessel(changed("boats/aritra.toml", at, -20.0), name="boats/aritra.toml")
+
+
 @pytest.mark.parametrize(("mass_kg", "found"), [(1000.0, "1000"), (0.5, "0.5")])
 def test_a_mass_that_the_hull_cannot_have_is_refused(mass_kg, found):
     text = changed("boats/aritra.toml", ("inertia", "mass_kg"), mass_kg)
@@ -139,6 +149,7 @@ def test_anchors_that_give_no_position_are_refused(anchors, says):
         ([(0.0, 0.0, -2.5), (30.0, 0.0, -2.5)], "2 anchors in the site file: a start from ranges needs 3"),
         ([(0.0, 0.0, -2.5), (15.0, 15.0, -2.5), (30.0, 30.2, -2.5)], "the anchors stand in a line"),
         ([(0.0, 13.0, -2.5), (0.0, 15.0, -2.5), (1.5, 16.0, -2.5)], r"error grows \d+\.\d times in the position"),
+        ([(0.0, 0.0, -2.5), (30.0, 0.0, 2.5), (30.0, 30.0, 2.5)], r"anchors below the water \(1, 2\)"),
     ],
 )
 def test_anchors_that_give_a_poor_position_are_warned_of(tmp_path, anchors, says):

@@ -48,7 +48,11 @@ def test_the_library_reads_back_and_names_each_segment_once_with_a_reason():
         ("hold_s = 5.0", "hold_s = inf", "segments[0].hold_s: expected a finite number"),
         ("X = 0.2", "X = 1.2", "segments[0].X"),
         ("X = 0.2", "X = 0.0", "segments[0].X: expected a share other than 0"),
-        ('kind = "steps"', 'kind = "jumps"', "segments[0].kind"),
+        (
+            'kind = "steps"',
+            'kind = "jumps"',
+            "segments[0].kind: expected steps, zigzag, multisine, pulses, opposed, idle, found 'jumps'",
+        ),
         ("f_max_Hz = 0.5", "f_max_Hz = 0.2", "segments[1].f_max_Hz: expected at least 3 / period_s"),
         ("f_max_Hz = 0.5", "f_max_Hz = 5.0", "segments[1].f_max_Hz"),
         ("[[segments]]", "[[segment]]", "segment"),

@@ -75,7 +75,7 @@ def test_pymavlinks_own_files_survive_with_comments(tmp_path_factory, points):
     loader = mavwp.MAVWPLoader()
     for k, p in enumerate([(0.0, 0.0), *points]):
         latitude, longitude = geodetic_from_site(TURNED, *p)
-        arguments = (0, 0, k, 3, 16, 0, 1, 0, 1.5, 0, 0, latitude, longitude, 0)
+        arguments = (0, 0, k, 3 if k else 0, 16, 0, 1, 0, 1.5, 0, 0, latitude, longitude, 0)
         loader.add(mavutil.mavlink.MAVLink_mission_item_message(*arguments), comment=f"point {k}")
     file = tmp_path_factory.mktemp("wp") / "x.waypoints"
     loader.save(str(file))

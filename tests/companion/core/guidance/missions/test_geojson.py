@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from companion.core.geometry.frames import Origin
 from companion.core.guidance.missions.mission import parse
 from tests.companion.core.guidance.missions.mission_texts import ORIGIN, TURNED, errors
 
@@ -66,3 +67,11 @@ def test_a_place_far_from_the_site_says_what_to_do():
     (found,) = errors(collection(feature(coordinates=(80.2338, 32.9916))), "geojson")
     assert "km from the site's origin" in found
     assert found.endswith("plan it there, or set lat_deg, lon_deg of the site file")
+
+
+def test_latitude_and_longitude_exchanged_are_told_of():
+    (found,) = errors(collection(feature(coordinates=(12.9916, 80.2338))), "geojson")
+    assert found.endswith("lon_deg of the site file; it would be there with latitude and longitude exchanged")
+    east = Origin(37.8, -122.4)
+    (found,) = errors(collection(feature(coordinates=(37.8001, -122.4001))), "geojson", east)
+    assert found.endswith("is not a position; it would be there with latitude and longitude exchanged")

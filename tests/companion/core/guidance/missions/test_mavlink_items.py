@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from companion.core.geometry.frames import geodetic_from_site
+from companion.core.geometry.frames import Origin, geodetic_from_site
 from companion.core.guidance.missions.mission import parse
 from tests.companion.core.guidance.missions.mission_texts import ORIGIN, TURNED, errors
 
@@ -48,6 +48,12 @@ def test_yaw_of_the_last_position_is_the_end_heading_from_the_sites_axis(command
     text = plan(item(**point(1, 0)), item(command, p1=0 if command == 17 else 30, p4=90, **point(5, 0)))
     mission = parse(text, "plan", origin=TURNED)
     assert mission.end_heading_rad == pytest.approx(math.radians(60.0))
+
+
+def test_a_heading_at_the_end_stays_within_one_turn_however_the_site_is_turned():
+    site = Origin(ORIGIN.latitude_deg, ORIGIN.longitude_deg, math.radians(-30.0))
+    mission = parse(plan(item(p4=350)), "plan", origin=site)  # 380 deg would be refused where it is written to TOML
+    assert mission.end_heading_rad == pytest.approx(math.radians(20.0))
 
 
 def test_nulls_are_parameters_not_given():
@@ -166,8 +172,22 @@ GOOD = (0, 3, 16, 0, 0, 0, 0, 12.9916, 80.2338, 0, 1)
         ),
         (wpl(GOOD).replace("12.9916", "nan"), "line 3 (item 1): latitude None"),
         (wpl(GOOD).replace("\n1\t", "\n7\t"), "line 3 (item 1): has index 7"),
+        (
+            wpl(GOOD).replace("0\t1\t0\t16", "0\t1\t3\t16"),
+            "line 2 (item 0): is command 16 NAV_WAYPOINT in frame 3, not home",
+        ),
+        (
+            wpl(GOOD).replace("0\t1\t0\t16", "0\t1\t0\t178"),
+            "line 2 (item 0): is command 178 DO_CHANGE_SPEED in frame 0",
+        ),
     ],
 )
 def test_a_waypoint_file_that_is_not_understood_says_which_line(text, expected):
     (found,) = errors(text, "waypoints")
     assert found.startswith(expected)
+
+
+def test_a_fence_that_repeats_its_first_corner_says_what_to_do():
+    corners = [geodetic_from_site(ORIGIN, *c) for c in ((0, 0), (30, 0), (30, 30), (0, 0))]
+    (found,) = errors(plan(item(), geoFence={"polygons": [{"inclusion": True, "polygon": corners}]}), "plan")
+    assert found.endswith("corner 0 and corner 2 touch: give each corner once, in order along the fence")

@@ -50,7 +50,7 @@ def test_all_that_is_wrong_with_a_toml_file_is_told_at_once():
     """
     found = errors(text, "toml")
     expected = [
-        "end_heading_deg: heading is not a number: nan",
+        "end_heading_deg: heading: expected -360 to 360 deg, found nan",
         "waypoints[0].speed: unknown key; did you mean speed_m_s?",
         "waypoints[1].east_m: missing key",
         "waypoints[2].east_m: expected a number, found text",
@@ -69,6 +69,10 @@ def test_all_that_is_wrong_with_a_toml_file_is_told_at_once():
         ("name = 'x'", "waypoints: missing key"),
         ("a = ", "(file): not valid TOML: Invalid value (at "),
         ("waypoints = []", "(file): a path needs at least one waypoint"),
+        (
+            "end_heading_deg = 900\nwaypoints = [{north_m=1, east_m=1}]",
+            "end_heading_deg: heading: expected -360 to 360 deg, found 900",
+        ),
         (
             "waypoints = [{north_m=1, east_m=1}]\nfences = [{inclusion=true, polygon=[[0,0],[1,nan],[1,1]]}]",
             "fences[0]: has a corner that is not finite",

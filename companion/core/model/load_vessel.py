@@ -139,8 +139,9 @@ def _mass_problems(vessel: VesselFile) -> Iterator[str]:
         yield f"inertia.mass_kg: {expected}: a hull of {size} displaces at most {box_kg:.3g} kg"
 
 
-FARTHEST_PLACE = 2.0
-"""A place from the origin over the hull's length (or beam): an origin at one end, and a boom as long; assumed."""
+FARTHEST_PLACE, FARTHEST_M = 2.0, 3.0
+"""A place from the origin over the hull's length (or beam): an origin at one end, and a boom as long; or so far, for the
+mast of a model boat. Assumed."""
 
 
 def _place_problems(vessel: VesselFile) -> Iterator[str]:
@@ -150,7 +151,7 @@ def _place_problems(vessel: VesselFile) -> Iterator[str]:
         f"sensors.{key}": table for key in ("imu", "uwb", "gnss", "dvl") if (table := getattr(vessel.sensors, key))
     }
     hull = vessel.hull
-    most_m = FARTHEST_PLACE * max(hull.length_m, hull.beam_m)
+    most_m = max(FARTHEST_M, FARTHEST_PLACE * max(hull.length_m, hull.beam_m))
     for at, table in tables.items():
         for key in ("x_g_m", "y_g_m", "x_m", "y_m", "z_m"):
             if abs(value := getattr(table, key, 0.0)) > most_m:

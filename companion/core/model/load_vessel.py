@@ -140,8 +140,8 @@ def _mass_problems(vessel: VesselFile) -> Iterator[str]:
 
 
 FARTHEST_PLACE, FARTHEST_M = 2.0, 3.0
-"""A place from the origin over the hull's length (or beam): an origin at one end, and a boom as long; or so far, for the
-mast of a model boat. Assumed."""
+"""A place from the origin over the hull's length (or beam): an origin at one end, and a boom as long; or so far, for
+the mast of a model boat. Assumed."""
 
 
 def _place_problems(vessel: VesselFile) -> Iterator[str]:

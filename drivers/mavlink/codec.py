@@ -25,6 +25,7 @@ from msgspec.structs import replace
 from companion.core.messages import Attitude, ImuSample, Message, ServoOutput, StatusText, TimeSync
 from drivers.mavlink.decode import (
     DECODERS,
+    FIX,
     FIX_AGE_NS,
     FIX_STAMPS,
     STAMPS,
@@ -42,8 +43,10 @@ from drivers.mavlink.timesync import MAX_AGE_NS, ClockOffset
 
 AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
-SENSED = frozenset({"ATTITUDE", *IMU_PREFERENCE})
-"""Without this a frozen stream would count as live: stamps that are too old give way to the time of arrival."""
+SENSED = frozenset({"ATTITUDE", *IMU_PREFERENCE, *FIX_STAMPS})
+"""Without this a frozen stream would count as live: stamps that are too old give way to the time of arrival. ArduPilot
+sends a receiver's last fix for 4 s after it was unplugged (source: AP_GPS), and each as often as it is asked for one.
+"""
 _SERVO_PORTS = 2
 
 
@@ -161,7 +164,7 @@ class MavlinkCodec:
         name, t_ns = m.get_type(), t_rx_ns
         if stamp := STAMPS.get(name) or FIX_STAMPS.get(name):
             source, unit_ns, wrap_ns = stamp
-            if name in SENSED and self._repeats(name, getattr(m, source)):
+            if name in SENSED and self._repeats(m, getattr(m, source)):
                 return []
             clock, oldest_ns = (name, MAX_AGE_NS) if name in STAMPS else (None, FIX_AGE_NS)
             t_ns = self.clock.to_companion(clock, getattr(m, source) * unit_ns, t_rx_ns, wrap_ns, oldest_ns)
@@ -205,8 +208,10 @@ class MavlinkCodec:
         self.counters.ignored[name] += not ours
         return ours
 
-    def _repeats(self, name: str, stamp: int) -> bool:
-        """Whether a sensor's stamp is that of its last message; 0 is no stamp."""
+    def _repeats(self, m: Any, stamp: int) -> bool:
+        """Whether a sensor's stamp is that of its last message; 0 is no stamp. Without a fix it is that of the last."""
+        name = m.get_type()
+        stamp = stamp if getattr(m, "fix_type", FIX) >= FIX else 0
         before, self._stamps[name] = self._stamps.get(name), stamp
         again = stamp != 0 and stamp == before
         self.counters.repeated[name] += again

@@ -190,11 +190,15 @@ def motor_outputs(m: Any, t_ns: int) -> MotorOutputs | None:
 
 
 def _battery_status(m: Any, t_ns: int, _: int) -> Battery | None:
-    """Only the first battery, which SYS_STATUS speaks of too: its cells add up to the voltage."""
+    """Only the first battery, which SYS_STATUS speaks of too: its cells add up to the voltage.
+
+    Cells 11 to 14 that are not there are 0, but 65535 where ArduPilot reads single cells (source: send_battery_status).
+    """
     cells = [v for v in m.voltages if v != UINT16_MAX]
     if m.id != 0 or not cells:
         return None
-    return _battery(t_ns, sum(cells) + sum(m.voltages_ext), m.current_battery, m.battery_remaining)
+    cells += [v for v in m.voltages_ext if v != UINT16_MAX]
+    return _battery(t_ns, sum(cells), m.current_battery, m.battery_remaining)
 
 
 def _battery(t_ns: int, voltage_mv: int, current_ca: int, remaining: int) -> Battery:

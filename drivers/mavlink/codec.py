@@ -78,7 +78,8 @@ class MavlinkCodec:
     `target_system`: None takes the first autopilot heard. `imu_preference`: see `ImuSelector`.
     `signing`: signs what the encoder makes, and what it does not accept is as if it had never come.
     Public parts: `counters`, `framer` (wire faults), `clock`, `encoder`, `imu`, `target`, `signing`.
-    `signed`: the target signs what it says; `named`: the target was given; `strangers`: systems of other autopilots.
+    `signed`: the target signs what it says; `named`: the target was given; `strangers`: systems of other autopilots;
+    `understood`: sound frames so far, of anyone, refused ones included.
     """
 
     def __init__(
@@ -97,6 +98,7 @@ class MavlinkCodec:
         self.encoder = MavlinkEncoder(system, component, target_system or 0, target_component, signing)
         self.signing = signing
         self.signed = False
+        self.understood = 0
         self.imu = ImuSelector(imu_preference)
         self.target = None if target_system is None else (target_system, target_component)
         self.named = target_system is not None
@@ -112,6 +114,7 @@ class MavlinkCodec:
         """Messages that `data`, arrived at `t_ns` [ns], completes. b"" only lets waiting texts expire."""
         out: list[Message] = _texts(self._texts.expire(t_ns), t_ns)
         for m in self.framer.feed(data, t_ns):
+            self.understood += 1
             if self.signing and not self.signing.accepts(m):
                 continue
             self._count(m)

@@ -26,7 +26,6 @@ from companion.core.messages import Attitude, ImuSample, Message, ServoOutput, S
 from drivers.mavlink.decode import (
     DECODERS,
     FIX,
-    FIX_AGE_NS,
     FIX_STAMPS,
     STAMPS,
     gyro_drift,
@@ -39,13 +38,13 @@ from drivers.mavlink.framing import Framer
 from drivers.mavlink.imu_source import IMU_PREFERENCE, ImuSelector
 from drivers.mavlink.signing import Signing, is_signed
 from drivers.mavlink.statustext import ChunkJoiner, Text
-from drivers.mavlink.timesync import MAX_AGE_NS, ClockOffset
+from drivers.mavlink.timesync import MAX_AGE_NS, SENSED_AGE_NS, ClockOffset
 
 AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
 SENSED = frozenset({"ATTITUDE", *IMU_PREFERENCE, *FIX_STAMPS})
-"""Without this a frozen stream would count as live: stamps that are too old give way to the time of arrival. ArduPilot
-sends a receiver's last fix for 4 s after it was unplugged (source: AP_GPS), and each as often as it is asked for one.
+"""Of these a stamp that repeats itself tells nothing new: a frozen stream would count as live. ArduPilot sends a
+receiver's last fix for 4 s after it was unplugged (source: AP_GPS), and each as often as it is asked for one.
 """
 _SERVO_PORTS = 2
 
@@ -165,11 +164,12 @@ class MavlinkCodec:
 
     def _decode(self, m: Any, t_rx_ns: int) -> list[Message]:
         name, t_ns = m.get_type(), t_rx_ns
-        if stamp := STAMPS.get(name) or FIX_STAMPS.get(name):
+        stamp = STAMPS.get(name) or FIX_STAMPS.get(name)
+        if stamp and getattr(m, "fix_type", FIX) >= FIX:
             source, unit_ns, wrap_ns = stamp
-            if name in SENSED and self._repeats(m, getattr(m, source)):
+            if name in SENSED and self._repeats(name, getattr(m, source)):
                 return []
-            clock, oldest_ns = (name, MAX_AGE_NS) if name in STAMPS else (None, FIX_AGE_NS)
+            clock, oldest_ns = name if name in STAMPS else None, SENSED_AGE_NS if name in SENSED else MAX_AGE_NS
             t_ns = self.clock.to_companion(clock, getattr(m, source) * unit_ns, t_rx_ns, wrap_ns, oldest_ns)
         if name == "STATUSTEXT":
             return _texts(self._texts.add(m.severity, m._text_raw, m.id, m.chunk_seq, t_rx_ns), t_rx_ns)
@@ -211,10 +211,8 @@ class MavlinkCodec:
         self.counters.ignored[name] += not ours
         return ours
 
-    def _repeats(self, m: Any, stamp: int) -> bool:
-        """Whether a sensor's stamp is that of its last message; 0 is no stamp. Without a fix it is that of the last."""
-        name = m.get_type()
-        stamp = stamp if getattr(m, "fix_type", FIX) >= FIX else 0
+    def _repeats(self, name: str, stamp: int) -> bool:
+        """Whether a sensor's stamp is that of its last message; 0 is no stamp."""
         before, self._stamps[name] = self._stamps.get(name), stamp
         again = stamp != 0 and stamp == before
         self.counters.repeated[name] += again

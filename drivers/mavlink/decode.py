@@ -55,10 +55,7 @@ STAMPS: dict[str, tuple[str, int, int | None]] = {
 FIX_STAMPS: dict[str, tuple[str, int, int | None]] = {"GPS_RAW_INT": ("time_usec", _US, None)}
 """The same of a fix: since boot with ArduPilot, Unix time with others, so that no clock can be made of them."""
 FIX = dialect.GPS_FIX_TYPE_2D_FIX
-"""The least fix_type that is one."""
-FIX_AGE_NS = 2_000_000_000
-"""A fix may be so old: it waits for its turn in a stream of 5 Hz, and one taken for newer than it is lies astern by the
-way since. Beyond it, as after a fix was lost, the arrival counts; assumed."""
+"""The least fix_type that is one; without a fix the stamp is that of the last one, and the arrival counts."""
 
 _NO_VEHICLES = frozenset(
     (

@@ -31,6 +31,9 @@ REBOOT_NS = 1_000_000_000
 """A device clock that goes back by more than this was started anew (assumed; UDP may reorder within it)."""
 MAX_AGE_NS = 500_000_000
 """A stamp older than this is not believed and gives way to the time of arrival (assumed)."""
+SENSED_AGE_NS = 10_000_000_000
+"""The same of a sensor: what a link that stood still held back is of the instant at which it was measured, however late
+it comes. Assumed: TCP gives up before (`drivers.ports.tcp`)."""
 _OUTSTANDING = 24
 """Questions: at 4 Hz those of six seconds, by which answers to us are known from answers to others."""
 

@@ -14,6 +14,11 @@ from drivers.uwb import uwb_codec
 class DeviceCodec(Protocol):
     """What every codec offers; sans-I/O."""
 
+    @property
+    def understood(self) -> int:
+        """Frames or lines that followed the format so far."""
+        ...
+
     def start_bytes(self) -> list[bytes]:
         """Call when the port has been opened: forgets half a record; what to send at once."""
         ...

@@ -45,6 +45,11 @@ class DvlCodec:
         self.counters: Counter[str] = Counter()
         self._splitter = LineSplitter(LINE_LIMIT)
 
+    @property
+    def understood(self) -> int:
+        """Reports so far, of whatever type."""
+        return self.counters.total() - self.counters["garbage"]
+
     def start_bytes(self) -> list[bytes]:
         """Forget half a line. It reports unasked."""
         self._splitter.clear()

@@ -26,6 +26,11 @@ __all__ = ["Codec", "DeviceLink", "LinkTiming", "link_state"]
 class Codec(Protocol):
     """Bytes in, messages out; keeps half a frame for the next call, counts garbage, never raises."""
 
+    @property
+    def understood(self) -> int:
+        """How many frames or lines were sound so far, whoever they came from and whether they told anything or not."""
+        ...
+
     def feed(self, data: bytes, t_ns: int) -> Sequence[Message]:
         """Messages that these bytes complete. `t_ns`: when they arrived, companion clock [ns]."""
         ...
@@ -73,6 +78,7 @@ class DeviceLink:
         self._framed = False
         self._byte_ns = self._frame_ns = now_ns()
         self._babble_ns: int | None = None
+        self._speaks = False
         self._told = ("", "")
         self._attempt = 0
 
@@ -158,14 +164,18 @@ class DeviceLink:
     def _take(self, data: bytes, t_ns: int) -> None:
         if self._on_bytes is not None:
             self._on_bytes(data, t_ns)
+        before = self._codec.understood
         messages = self._codec.feed(data, t_ns)
+        speaks = self._codec.understood > before
         gap_ns, self._byte_ns = t_ns - self._byte_ns, t_ns
         if messages:
             self._frame_ns, self._framed, self._babble_ns, self._attempt = t_ns, True, None, 0
             self._judge()
             self._on_messages(messages, t_ns)
         elif self._babble_ns is None or gap_ns >= self._timing.stale_after_ns:
-            self._babble_ns = t_ns
+            self._babble_ns, self._speaks = t_ns, speaks
+        else:
+            self._speaks = self._speaks or speaks
 
     async def _watch(self) -> str:
         """Judge whenever silence may have become something else; returns why to start again."""
@@ -186,7 +196,8 @@ class DeviceLink:
         """Apply `link_state` and tell about it where the state or its cause has changed."""
         t_ns = self._now_ns()
         babble_ns = 0 if self._babble_ns is None else t_ns - self._babble_ns
-        seen = LinkObservations(self._fault, self._framed, t_ns - self._byte_ns, t_ns - self._frame_ns, babble_ns)
+        silent_ns, frameless_ns = t_ns - self._byte_ns, t_ns - self._frame_ns
+        seen = LinkObservations(self._fault, self._framed, silent_ns, frameless_ns, babble_ns, self._speaks)
         verdict = link_state(self.state, seen, self._timing)
         self.state = verdict.state
         if (verdict.state, verdict.cause) != self._told:

@@ -59,13 +59,15 @@ class LinkObservations:
     """Since the last message."""
     babble_ns: int
     """Since bytes began to come that decode to no message; 0 without such bytes."""
+    speaks: bool = False
+    """Some of these were sound frames or lines, which told nothing."""
 
 
 class LinkVerdict(NamedTuple):
     """State of a link, its cause (same words as long as it lasts), and the reason with its numbers.
 
     `reopen`: close the port and start again. So it is once lost, and after `lost_after_s` of bytes that
-    are no messages: a udpin port may have locked on to the wrong sender. Mere silence before the first
+    tell nothing: a udpin port may have locked on to the wrong sender. Mere silence before the first
     message is no ground: opening a serial port resets some devices, and they would never get to speak.
     """
 
@@ -97,7 +99,7 @@ def link_state(before: LinkState, seen: LinkObservations, timing: LinkTiming) ->
         return LinkVerdict("online", "messages", "messages arrive")
     cause, reason = _why_no_messages(seen, timing)
     if not had_it:
-        enough = cause == "garbage" and seen.babble_ns >= timing.lost_after_ns
+        enough = cause in ("garbage", "nothing") and seen.babble_ns >= timing.lost_after_ns
         return LinkVerdict("searching", cause, reason, reopen=enough)
     if seen.framed and seen.frameless_ns < timing.lost_after_ns:
         return LinkVerdict("stale", cause, reason)
@@ -111,6 +113,9 @@ def _why_no_messages(seen: LinkObservations, timing: LinkTiming) -> tuple[str, s
     if seen.babble_ns and seen.silent_ns < timing.stale_after_ns:
         if seen.babble_ns < timing.guess_after_ns:
             return "waiting", f"bytes come, and no message for {seen.frameless_ns * 1e-9:.1f} s"
+        if seen.speaks:
+            since = f"for {seen.babble_ns * 1e-9:.1f} s"
+            return "nothing", f"it speaks, but has told nothing {since}: nothing in its sight, or not our device?"
         return "garbage", f"bytes but no valid frame for {seen.babble_ns * 1e-9:.1f} s: wrong baud rate?"
     return "silence", f"no bytes for {seen.silent_ns * 1e-9:.1f} s"
 

@@ -16,6 +16,11 @@ from companion.core.messages import Message
 class Feeding(Protocol):
     """The side of a codec that a link uses; see `drivers.link.Codec`."""
 
+    @property
+    def understood(self) -> int:
+        """Sound frames or lines so far."""
+        ...
+
     def feed(self, data: bytes, t_ns: int) -> Sequence[Message]:
         """Bytes in, messages out."""
         ...
@@ -91,6 +96,11 @@ class GuardedCodec:
 
     def __init__(self, codec: Feeding, faults: FaultBarrier) -> None:
         self._codec, self._faults = codec, faults
+
+    @property
+    def understood(self) -> int:
+        """Sound frames or lines so far."""
+        return self._codec.understood
 
     def feed(self, data: bytes, t_ns: int) -> Sequence[Message]:
         """Messages of the codec; none once something has failed."""

@@ -4,7 +4,7 @@ A `start`, `hold`, `excite` or `manual` waits until they have been read, but onl
 of them refuses; `stop` never waits. They are read anew after the autopilot's reboot and after its silence, and watched
 from then on (`drivers.mavlink.parameter_watch`): one that changes to what refuses takes the driving away
 (`InterlockTrip`). The rows are those of `aritra check`. While several autopilots are heard and the run file does not
-name ours, nothing begins.
+name ours, or two of one system id, nothing begins.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from companion.core.preflight.wiring import Companion, untold_functions
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.parameter_reader import ParameterReader
 from drivers.mavlink.parameter_watch import ParameterChange, ParameterWatch
+from drivers.mavlink.session import TWINS
 
 AMBIGUOUS = "several autopilots are heard, and nobody has said which is ours (mavlink.autopilot_system_id)"
 
@@ -103,7 +104,9 @@ class StartInterlock:
         if self.refused:
             names = ", ".join(row.name for row in self.refused)
             return f"the boat might not stop, or not follow ({names}); `aritra check` says what to do"
-        return AMBIGUOUS if self._codec.ambiguous and not self._begun else None
+        if self._begun:
+            return None
+        return TWINS if self._codec.clock.twins else AMBIGUOUS if self._codec.ambiguous else None
 
     @property
     def turns_away(self) -> bool:

@@ -25,7 +25,7 @@ from msgspec.structs import replace
 from companion.core.messages import Attitude, ImuSample, Message, ServoOutput, StatusText, TimeSync
 from drivers.mavlink.decode import (
     DECODERS,
-    FIX_AGE_NS,
+    FIX,
     FIX_STAMPS,
     STAMPS,
     gyro_drift,
@@ -38,12 +38,14 @@ from drivers.mavlink.framing import Framer
 from drivers.mavlink.imu_source import IMU_PREFERENCE, ImuSelector
 from drivers.mavlink.signing import Signing, is_signed
 from drivers.mavlink.statustext import ChunkJoiner, Text
-from drivers.mavlink.timesync import MAX_AGE_NS, ClockOffset
+from drivers.mavlink.timesync import MAX_AGE_NS, SENSED_AGE_NS, ClockOffset
 
 AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
-SENSED = frozenset({"ATTITUDE", *IMU_PREFERENCE})
-"""Without this a frozen stream would count as live: stamps that are too old give way to the time of arrival."""
+SENSED = frozenset({"ATTITUDE", *IMU_PREFERENCE, *FIX_STAMPS})
+"""Of these a stamp that repeats itself tells nothing new: a frozen stream would count as live. ArduPilot sends a
+receiver's last fix for 4 s after it was unplugged (source: AP_GPS), and each as often as it is asked for one.
+"""
 _SERVO_PORTS = 2
 
 
@@ -75,7 +77,8 @@ class MavlinkCodec:
     `target_system`: None takes the first autopilot heard. `imu_preference`: see `ImuSelector`.
     `signing`: signs what the encoder makes, and what it does not accept is as if it had never come.
     Public parts: `counters`, `framer` (wire faults), `clock`, `encoder`, `imu`, `target`, `signing`.
-    `signed`: the target signs what it says; `named`: the target was given; `strangers`: systems of other autopilots.
+    `signed`: the target signs what it says; `named`: the target was given; `strangers`: systems of other autopilots;
+    `understood`: sound frames so far, of anyone, refused ones included.
     """
 
     def __init__(
@@ -94,6 +97,7 @@ class MavlinkCodec:
         self.encoder = MavlinkEncoder(system, component, target_system or 0, target_component, signing)
         self.signing = signing
         self.signed = False
+        self.understood = 0
         self.imu = ImuSelector(imu_preference)
         self.target = None if target_system is None else (target_system, target_component)
         self.named = target_system is not None
@@ -109,6 +113,7 @@ class MavlinkCodec:
         """Messages that `data`, arrived at `t_ns` [ns], completes. b"" only lets waiting texts expire."""
         out: list[Message] = _texts(self._texts.expire(t_ns), t_ns)
         for m in self.framer.feed(data, t_ns):
+            self.understood += 1
             if self.signing and not self.signing.accepts(m):
                 continue
             self._count(m)
@@ -159,11 +164,12 @@ class MavlinkCodec:
 
     def _decode(self, m: Any, t_rx_ns: int) -> list[Message]:
         name, t_ns = m.get_type(), t_rx_ns
-        if stamp := STAMPS.get(name) or FIX_STAMPS.get(name):
+        stamp = STAMPS.get(name) or FIX_STAMPS.get(name)
+        if stamp and getattr(m, "fix_type", FIX) >= FIX:
             source, unit_ns, wrap_ns = stamp
             if name in SENSED and self._repeats(name, getattr(m, source)):
                 return []
-            clock, oldest_ns = (name, MAX_AGE_NS) if name in STAMPS else (None, FIX_AGE_NS)
+            clock, oldest_ns = name if name in STAMPS else None, SENSED_AGE_NS if name in SENSED else MAX_AGE_NS
             t_ns = self.clock.to_companion(clock, getattr(m, source) * unit_ns, t_rx_ns, wrap_ns, oldest_ns)
         if name == "STATUSTEXT":
             return _texts(self._texts.add(m.severity, m._text_raw, m.id, m.chunk_seq, t_rx_ns), t_rx_ns)

@@ -54,9 +54,8 @@ STAMPS: dict[str, tuple[str, int, int | None]] = {
 """Message type -> (field of the autopilot's clock since boot, its unit [ns], where it wraps [ns])."""
 FIX_STAMPS: dict[str, tuple[str, int, int | None]] = {"GPS_RAW_INT": ("time_usec", _US, None)}
 """The same of a fix: since boot with ArduPilot, Unix time with others, so that no clock can be made of them."""
-FIX_AGE_NS = 2_000_000_000
-"""A fix may be so old: it waits for its turn in a stream of 5 Hz, and one taken for newer than it is lies astern by the
-way since. Beyond it, as after a fix was lost, the arrival counts; assumed."""
+FIX = dialect.GPS_FIX_TYPE_2D_FIX
+"""The least fix_type that is one; without a fix the stamp is that of the last one, and the arrival counts."""
 
 _NO_VEHICLES = frozenset(
     (
@@ -188,11 +187,15 @@ def motor_outputs(m: Any, t_ns: int) -> MotorOutputs | None:
 
 
 def _battery_status(m: Any, t_ns: int, _: int) -> Battery | None:
-    """Only the first battery, which SYS_STATUS speaks of too: its cells add up to the voltage."""
+    """Only the first battery, which SYS_STATUS speaks of too: its cells add up to the voltage.
+
+    Cells 11 to 14 that are not there are 0, but 65535 where ArduPilot reads single cells (source: send_battery_status).
+    """
     cells = [v for v in m.voltages if v != UINT16_MAX]
     if m.id != 0 or not cells:
         return None
-    return _battery(t_ns, sum(cells) + sum(m.voltages_ext), m.current_battery, m.battery_remaining)
+    cells += [v for v in m.voltages_ext if v != UINT16_MAX]
+    return _battery(t_ns, sum(cells), m.current_battery, m.battery_remaining)
 
 
 def _battery(t_ns: int, voltage_mv: int, current_ca: int, remaining: int) -> Battery:

@@ -27,6 +27,10 @@ SILENCE_NS = 5_000_000_000
 """Heartbeats come at 1 Hz; after this long without one the autopilot may have been another (assumed)."""
 DEAF_NS, DEAF_AGAIN_NS = 2_000_000_000, 30_000_000_000
 """How long eight TIMESYNC questions may stay without an answer, and until it is said again; assumed."""
+TWINS = (
+    "two autopilots of one system id are heard as one, and both would be driven: give each its own SYSID_THISMAV "
+    "(4.7: MAV_SYSID), and start again"
+)
 VERSION_RETRY_NS = 2_000_000_000
 VERSION_RETRY_MAX_NS = 32_000_000_000
 
@@ -48,6 +52,7 @@ class MavlinkSession:
         self._reboots = codec.clock.reboots
         self._answered, self._asked_ns = False, 0
         self._told_of: set[int] = set()
+        self._told_twins = False
         self._heartbeat_due_ns: int | None = None
         self._timesync_due_ns = 0
         self._version_due_ns = 0
@@ -69,8 +74,7 @@ class MavlinkSession:
         self._tell_strangers(t_ns)
         if self._codec.clock.reboots != self._reboots:
             self._reboots = self._codec.clock.reboots
-            self._alert(t_ns, "the autopilot has rebooted: its settings for this link are asked for again")
-            self._begin(t_ns)
+            self._rebooted(t_ns)
         if self.is_deaf and t_ns - self._asked_ns > DEAF_NS:
             self._asked_ns = t_ns + DEAF_AGAIN_NS
             self._alerts.append(Alert(t_ns=t_ns, level="error", text=NO_KEY))
@@ -107,6 +111,14 @@ class MavlinkSession:
         if self._heard_ns is None or t_ns - self._heard_ns > SILENCE_NS:
             self._begin(t_ns)
         self._heard_ns = t_ns
+
+    def _rebooted(self, t_ns: int) -> None:
+        if not self._codec.clock.twins:
+            self._alert(t_ns, "the autopilot has rebooted: its settings for this link are asked for again")
+            self._begin(t_ns)
+        elif not self._told_twins:
+            self._told_twins = True
+            self._alerts.append(Alert(t_ns=t_ns, level="error", text=TWINS))
 
     def _begin(self, t_ns: int) -> None:
         self.autopilot = None

@@ -29,8 +29,13 @@ ODD_LIMIT = 3
 """So many outliers in a row are no outliers: the clock was stepped (assumed)."""
 REBOOT_NS = 1_000_000_000
 """A device clock that goes back by more than this was started anew (assumed; UDP may reorder within it)."""
+TWIN_REBOOTS, TWIN_NS = 3, 5_000_000_000
+"""So many reboots within so long are none, for an autopilot takes seconds to start: two take turns (assumed)."""
 MAX_AGE_NS = 500_000_000
 """A stamp older than this is not believed and gives way to the time of arrival (assumed)."""
+SENSED_AGE_NS = 10_000_000_000
+"""The same of a sensor: what a link that stood still held back is of the instant at which it was measured, however late
+it comes. Assumed: TCP gives up before (`drivers.ports.tcp`)."""
 _OUTSTANDING = 24
 """Questions: at 4 Hz those of six seconds, by which answers to us are known from answers to others."""
 
@@ -43,18 +48,21 @@ class _Sample(NamedTuple):
 class ClockOffset:
     """Filter over TIMESYNC samples; converts stamps of the device into companion time.
 
-    `offset_ns`: None before the first answer. `reboots`: how often the device clock went back.
+    `offset_ns`: None before the first answer. `reboots`: how often the device clock went back; `twins`: so often that
+    two devices are heard as one.
     `rejected`: answers that were not asked for, too slow, or outliers.
     """
 
     def __init__(self) -> None:
         self.offset_ns: int | None = None
         self.reboots = 0
+        self.twins = False
         self.rejected = 0
         self._samples: deque[_Sample] = deque(maxlen=WINDOW)
         self._odd: list[_Sample] = []
         self._asked: deque[int] = deque(maxlen=_OUTSTANDING)
         self._last: dict[str, int] = {}
+        self._reboots_ns: deque[int] = deque(maxlen=TWIN_REBOOTS)
 
     def question(self, t_ns: int) -> int:
         """Value of ts1 for a question sent at `t_ns`; its answer will be known by it."""
@@ -74,7 +82,7 @@ class ClockOffset:
         if not asked or not 0 <= round_trip_ns <= MAX_ROUND_TRIP_NS:
             self.rejected += 1
             return False
-        self._notice_reboot("TIMESYNC", tc1_ns, None)
+        self._notice_reboot("TIMESYNC", tc1_ns, t_rx_ns, None)
         sample = _Sample(round_trip_ns, ts1_ns + round_trip_ns // 2 - tc1_ns)
         if not self._plausible(sample):
             self.rejected += 1
@@ -100,7 +108,7 @@ class ClockOffset:
         the stamp is not believed).
         """
         if stream is not None:
-            self._notice_reboot(stream, device_ns, wrap_ns)
+            self._notice_reboot(stream, device_ns, t_rx_ns, wrap_ns)
         if self.offset_ns is None:
             return t_rx_ns
         age_ns = t_rx_ns - self.offset_ns - device_ns
@@ -121,10 +129,12 @@ class ClockOffset:
         bound_ns = (sample.round_trip_ns + best.round_trip_ns) // 2 + MARGIN_NS
         return abs(sample.offset_ns - best.offset_ns) <= bound_ns
 
-    def _notice_reboot(self, stream: str, device_ns: int, wrap_ns: int | None) -> None:
+    def _notice_reboot(self, stream: str, device_ns: int, t_rx_ns: int, wrap_ns: int | None) -> None:
         back_ns = self._last.get(stream, device_ns) - device_ns
         if back_ns > REBOOT_NS and (wrap_ns is None or back_ns < wrap_ns // 2):
             self.reboots += 1
+            self._reboots_ns.append(t_rx_ns)
+            self.twins = self.twins or (self.reboots >= TWIN_REBOOTS and t_rx_ns - self._reboots_ns[0] <= TWIN_NS)
             self.offset_ns = None
             self._samples.clear()
             self._odd.clear()

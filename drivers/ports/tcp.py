@@ -13,7 +13,7 @@ import errno
 import socket
 
 from drivers.ports.descriptor import READ_BYTES, DescriptorPort
-from drivers.ports.udp import bracketed
+from drivers.ports.udp import addresses, bracketed
 
 SEND_LIMIT_BYTES = 65536
 CONNECT_TIMEOUT_S = 3.0
@@ -70,8 +70,7 @@ class TcpClientPort(_TcpPort):
         """The first of the host's addresses that answers; the last one's error where none does."""
         loop = asyncio.get_running_loop()
         failure = OSError(errno.EADDRNOTAVAIL, "the host has no address")
-        infos = await loop.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)
-        for family, kind, protocol, _, address in infos:
+        for family, kind, protocol, _, address in await addresses(self.host, self.port, socket.SOCK_STREAM):
             made = socket.socket(family, kind, protocol)
             made.setblocking(False)
             try:
@@ -98,8 +97,7 @@ class TcpServerPort(_TcpPort):
         """Listen. Raises OSError (address in use, not an address of this machine)."""
         self._require_closed()
         loop = asyncio.get_running_loop()
-        infos = await loop.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)
-        family, kind, protocol, _, address = infos[0]
+        family, kind, protocol, _, address = (await addresses(self.host, self.port, socket.SOCK_STREAM))[0]
         listener = socket.socket(family, kind, protocol)
         try:
             listener.setblocking(False)

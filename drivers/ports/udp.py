@@ -34,8 +34,7 @@ class _UdpPort(DescriptorPort):
     async def open(self) -> None:
         """Resolve the address, connect or bind. Raises OSError (unknown host, no route, address in use, not ours)."""
         self._require_closed()
-        infos = await asyncio.get_running_loop().getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)
-        family, _, _, _, address = infos[0]
+        family, _, _, _, address = (await addresses(self.host, self.port, socket.SOCK_DGRAM))[0]
         made = socket.socket(family, socket.SOCK_DGRAM)
         try:
             made.setblocking(False)
@@ -132,6 +131,14 @@ class UdpServerPort(_UdpPort):
 
     def _transmit(self, data: memoryview) -> int:
         return self._socket.sendto(data, self.peer) if self.peer is not None else 0
+
+
+async def addresses(host: str, port: int, kind: socket.SocketKind) -> list[Any]:
+    """What getaddrinfo says, IPv4 first: `localhost` and names of a local network mostly mean both, IPv6 first, where
+    autopilots and ground stations listen on IPv4 alone. Raises OSError (unknown host).
+    """
+    infos = await asyncio.get_running_loop().getaddrinfo(host, port, type=kind)
+    return sorted(infos, key=lambda info: info[0] != socket.AF_INET)
 
 
 def bracketed(host: str) -> str:

@@ -4,7 +4,7 @@
     tcpin:HOST:PORT      listen; one peer                          tcp:HOST:PORT      connect
     serial:PATH[:BAUD]   serial device, 115200 where not said      pty:PATH           simulated device
 
-An IPv6 address stands in brackets: `udpout:[::1]:14550`.
+An IPv6 address stands in brackets: `udpout:[::1]:14550`. Of a name that has both, IPv4 goes first.
 """
 
 from __future__ import annotations

@@ -23,6 +23,11 @@ class UwbCodec(Protocol):
     tag: str
     counters: UwbCounters
 
+    @property
+    def understood(self) -> int:
+        """Records that followed the format so far."""
+        ...
+
     def start_bytes(self) -> list[bytes]:
         """Call when the port has been opened: forgets half a record; what to send at once."""
         ...

@@ -100,6 +100,11 @@ class UwbCodecBase:
         self.tag = tag
         self.counters = UwbCounters()
 
+    @property
+    def understood(self) -> int:
+        """Records that followed the format so far, those without a measurement included."""
+        return self.counters.good + self.counters.ignored
+
     def start_bytes(self) -> list[bytes]:
         """Call when the port has been opened: forgets half a record; what to send at once."""
         return []

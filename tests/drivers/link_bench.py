@@ -22,13 +22,15 @@ CYCLE = {
 
 
 class Lines:
-    """A codec of text lines that begin with '$'; everything else is garbage."""
+    """A codec of text lines that begin with '$'; those that begin with '%' tell nothing; all else is garbage."""
 
     def __init__(self) -> None:
         self._rest = b""
+        self.understood = 0
 
     def feed(self, data: bytes, t_ns: int) -> list[Message]:
         *lines, self._rest = (self._rest + data).split(b"\n")
+        self.understood += sum(x.startswith((b"$", b"%")) for x in lines)
         return [StatusText(t_ns=t_ns, severity=6, text=x.decode()) for x in lines if x.startswith(b"$")]
 
 

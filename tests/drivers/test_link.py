@@ -4,8 +4,15 @@ import random
 
 import pytest
 
+from drivers.dvl import DvlCodec
 from drivers.link import LinkTiming
+from drivers.mavlink.codec import MavlinkCodec
+from drivers.mavlink.signing import Signing, SigningKey
+from drivers.uwb import uwb_codec
+from drivers.uwb.dwm1001 import TagFix, encode_lep
+from drivers.uwb.mauwb import encode_at
 from tests.drivers.link_bench import Bench, live
+from tests.drivers.mavlink.mavlink_autopilot import Sender
 
 
 def test_a_life_from_searching_to_online_stale_lost_and_back():
@@ -77,6 +84,35 @@ def test_garbage_never_counts_as_online_and_says_why():
     assert bench.told[-1] == (pytest.approx(3.0), "searching", "bytes but no valid frame for 3.0 s: wrong baud rate?")
     assert bench.states() == ["searching"]
     assert not bench.texts
+
+
+def test_sound_frames_that_tell_nothing_are_no_wrong_baud_rate():
+    """A tag without an anchor in sight; a ground station where the autopilot should be."""
+
+    async def story(bench: Bench) -> None:
+        for line in (b"$ 1.00 m\n", *[b"%\n", b"noise\n"] * 18):
+            bench.device.send(line)
+            await bench.seconds(0.1)
+
+    bench = live(story)
+    why = "it speaks, but has told nothing for 3.0 s: nothing in its sight, or not our device?"
+    assert (pytest.approx(3.1), "stale", why) in bench.told
+    assert not [reason for _, _, reason in bench.told if "baud" in reason]
+
+
+@pytest.mark.parametrize(
+    ("codec", "sound"),
+    [
+        (uwb_codec("mauwb", "t", 1.0), encode_at(0, 1, {})),
+        (uwb_codec("dwm1001-lep", "t", 1.0), encode_lep(TagFix((0.0, 0.0, 0.0), 0))),
+        (DvlCodec(), b'{"type":"position_local","x":0.1}\r\n'),
+        (MavlinkCodec(), Sender(255, 190).beat(kind=6, autopilot=8)),
+        (MavlinkCodec(signing=Signing(SigningKey(b"k" * 32), lambda: 0, key_name="boat.key")), Sender().beat()),
+    ],
+)
+def test_a_codec_knows_sound_frames_that_tell_nothing_from_noise(codec, sound):
+    assert (codec.feed(sound, 0), codec.understood) == ([], 1)
+    assert (codec.feed(b"\x00\x80\xfd\n", 1), codec.understood) == ([], 1)
 
 
 def test_what_a_device_says_as_it_is_spoken_to_is_no_wrong_baud_rate():

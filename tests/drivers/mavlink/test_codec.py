@@ -117,6 +117,7 @@ def battery_status(ident: int, cells: list[int], ext=(0, 0, 0, 0)) -> bytes:
 
 def test_battery_cells_add_up():
     assert one(battery_status(0, [4000, 4010, 4020], (4030, 0, 0, 0))).voltage_v == pytest.approx(16.06)
+    assert one(battery_status(0, [4000, 4010, 4020], (65535,) * 4)).voltage_v == pytest.approx(12.03)
     assert one(battery_status(0, [16000])) == Battery(t_ns=T, voltage_v=16.0, current_a=1.5)
     codec = MavlinkCodec(target_system=1)
     assert codec.feed(battery_status(1, [12000]) + battery_status(0, []), T) == []

@@ -12,7 +12,7 @@ from companion.core.preflight.wiring import Companion, Wiring
 IGNORE_OVERRIDES, ONLY_GCS = 2, 1
 """Bits of RC_OPTIONS and of MAV_OPTIONS (reference)."""
 TIMEOUTS_S = {"FS_TIMEOUT": (1.5, 5.0), "FS_GCS_TIMEOUT": (5.0, 10.0)}
-"""What the parameter files set (5 is ArduPilot's default of both), and what is long; assumed."""
+"""What the parameter files set (ArduPilot's defaults: 1.5 and 5 by its source), and what is long; assumed."""
 LONGEST_OVERRIDE_S, GOOD_OVERRIDE_S = 3.0, 0.7
 """RC_OVERRIDE_TIME: ArduPilot's default, and what is worth having (assumed: the boat is neutral within 0.7 s)."""
 

@@ -20,6 +20,9 @@ SATURATED_US, SATURATED_S = 1.0, 0.3
 PWM_LIMITS_US = (1100.0, 1900.0)
 STUCK = ((20, 1.0), (8, 5.0))
 """Number of equal samples, and time [s] they last; a heading in steps of 0.01 deg rests for ten at 10 Hz (observed)."""
+EVEN = 0.95
+"""Least share of the readings of one column that are held for the median number of rows, or one more or less; assumed.
+Where a reading repeats the one before by chance, it is 0.87 at most (with a median of 2 rows or more)."""
 VOLTAGE_GAP_S = 10.0
 SLOW_UWB_HZ = 0.9
 """The paper's UWB gives 1 Hz; slower says little about surge and sway."""
@@ -187,23 +190,29 @@ def dead_columns(run: Run) -> list[str]:
     return [*(column for column in INERTIAL if dead(column)), *(place if dead(*place) else ())]
 
 
-def held_rows(run: Run) -> np.ndarray:
-    """Rows (rows,) whose position is only that of the row before, written again; none where that is no habit of a log.
+def held_rows(run: Run, *columns: str) -> np.ndarray:
+    """Rows (rows,) whose reading in `columns` is only that of the row before, written again; none where that is no
+    habit of a log. `columns`: both of a position, or one of another sensor.
 
-    A position that is held until the next one comes stands in most rows, and a boat that rests repeats it, too: what
-    tells them apart is that of positions which differ, more than half are repeated. One is held for the median of these
-    lengths; where the boat rests for longer, one for each such length counts.
+    A reading that is held until the next one comes stands in most rows, and a boat that rests repeats its position,
+    too: what tells them apart is that of readings which differ, more than half are repeated. One is held for the median
+    of these lengths; where the boat rests for longer, one for each such length counts. Of a single column with few
+    digits the lengths are those of chance: there nearly all have to be alike.
     """
-    place = run.table.select("north_m", "east_m").to_numpy()
-    known = np.flatnonzero(~np.isnan(place).any(axis=1))
-    again = np.zeros(len(place), dtype=bool)
+    values = run.table.select(columns).to_numpy()
+    known = np.flatnonzero(~np.isnan(values).any(axis=1))
+    again = np.zeros(len(values), dtype=bool)
     if len(known) < 2:
         return again
-    same = (np.diff(place[known], axis=0) == 0).all(axis=1)
+    same = (np.diff(values[known], axis=0) == 0).all(axis=1)
     first = np.flatnonzero(np.append(True, ~same))
     lengths = np.diff(np.append(first, len(known)))
-    if (held := round(float(np.median(lengths)))) >= 2:
-        again[known] = (np.arange(len(known)) - np.repeat(first, lengths)) % held != 0
+    held = round(float(np.median(lengths)))
+    is_habit = len(columns) > 1 or (len(lengths) >= STUCK[1][0] and np.mean(np.abs(lengths - held) <= 1) >= EVEN)
+    if held >= 2 and is_habit:
+        since = np.arange(len(known)) - np.repeat(first, lengths)
+        readings = np.repeat(np.maximum(np.rint(lengths / held), 1), lengths)
+        again[known] = (since % held != 0) | (since // held >= readings)
     return again
 
 

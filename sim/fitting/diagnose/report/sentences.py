@@ -9,11 +9,11 @@ import numpy as np
 from sim.fitting.diagnose.job import Diagnosis
 from sim.fitting.diagnose.selection.held_out import LEAST_BLOCKS, HeldOutScore, OpenLoopError
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
-from sim.fitting.engine.split import DEAD_SENSOR, HELD_POSITIONS, OTHER_BOAT
+from sim.fitting.engine.split import DEAD_SENSOR, HELD_READINGS, OTHER_BOAT
 
 SHOWN_S = 10
 ROUGH, QUIET_M_S2 = 2.0, 0.01  # latent acceleration of an unusable reference over the logs', or this; assumed
-TOLD = DEAD_SENSOR, HELD_POSITIONS, OTHER_BOAT
+TOLD = DEAD_SENSOR, HELD_READINGS, OTHER_BOAT
 """Kinds of problems of the logs that stand beside the verdict; all are in the report."""
 WORTH = 0.1
 """Share of the held-out error below which other numbers are not worth another file; assumed."""

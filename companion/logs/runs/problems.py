@@ -29,6 +29,9 @@ SLOW_UWB_HZ = 0.9
 LOST_SHARE = 0.1
 JUMP_M_S, JUMP_M = 3.0, 1.0
 """No small boat moves as fast as this between two fixes."""
+SLOWEST_S, FASTEST_M_S, FAST_SHARE = 5.0, 20.0, 0.2
+"""Headings that come more slowly than that, and positions that are faster for such a share of the time, are in other
+units: yaw has a time constant of 2 s, and a boat at 0.02 m/s makes the latter in millimetres; assumed."""
 NOISY = ("r_rad_s", "ax_m_s2", "ay_m_s2", "psi_rad", "north_m")
 """Sampled channels that a fit needs, and whose noise changes their last digit with every sample."""
 WINDOW_S, TURN_RAD, SLOPE_OFF = 2.0, 0.05, 0.3
@@ -188,6 +191,22 @@ def dead_columns(run: Run) -> list[str]:
 
     place = ("north_m", "east_m")
     return [*(column for column in INERTIAL if dead(column)), *(place if dead(*place) else ())]
+
+
+def unit_fault(run: Run) -> str:
+    """What shows that stamps are no seconds, or positions no metres, in words; empty where nothing does."""
+    steps_s = np.diff(run.samples("psi_rad")[0])
+    if len(steps_s) and (usual_s := float(np.median(steps_s))) > SLOWEST_S:
+        return f"t_s: a heading comes every {usual_s:.3g} s only: is the time in milliseconds? Write seconds"
+    t_s, places = run.samples("north_m", "east_m")
+    later = np.searchsorted(t_s, t_s + WINDOW_S)
+    first, later = np.flatnonzero(later < len(t_s)), later[later < len(t_s)]
+    if not len(first):
+        return ""
+    speeds_m_s = np.linalg.norm(places[later] - places[first], axis=1) / (t_s[later] - t_s[first])
+    if (fast_m_s := float(np.quantile(speeds_m_s, 1 - FAST_SHARE))) <= FASTEST_M_S:
+        return ""
+    return f"north_m, east_m: they move at {fast_m_s:.0f} m/s: are they in millimetres? Write metres"
 
 
 def held_rows(run: Run, *columns: str) -> np.ndarray:

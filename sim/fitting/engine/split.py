@@ -23,7 +23,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import pack_range
 from companion.logs.runs.columns import INERTIAL
 from companion.logs.runs.fingerprint import fingerprint, overlap
-from companion.logs.runs.problems import dead_columns, held_rows
+from companion.logs.runs.problems import dead_columns, held_rows, unit_fault
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 from companion.logs.runs.splits import HeldOut, Interval, alternate, length_s, parts, recording_intervals, tail
 from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, inside_edges
@@ -152,6 +152,8 @@ def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
             f"{log.name}: columns pwm_{', pwm_'.join(run.thrusters)}, but the thrusters of {vessel.name} are "
             f"{', '.join(names)}: another boat's log, or another boat's vessel file"
         )
+    if fault := unit_fault(run):
+        raise JobError(f"{log.name}: {fault}")
     dead = dead_columns(run)
     if dead:
         text = f"{', '.join(dead)}: the same value in every sample, which no sensor gives: left out, as if blank"

@@ -1,10 +1,12 @@
 """What a fit makes of positions that a table repeats, of absurd voltages, and of logs of several boats. Seed 8."""
 
 import polars as pl
+import pytest
 from msgspec.structs import replace
 
 from companion.logs.runs.run import Run
-from sim.fitting.engine.split import NamedLog, split
+from sim.fitting.engine.split import JobError, NamedLog, split
+from sim.fitting.wiring.check import checked
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
 
@@ -41,6 +43,23 @@ def test_heading_and_inertial_readings_that_are_held_are_used_where_they_were_ne
         assert used.log.run.table[name].equals(slow[name]), name
     (note,) = [n for n in used.log.run.meta.notes if n.kind == "held readings"]
     assert note.text.startswith("psi_rad: ") and "ay_m_s2: " in note.text
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        (["t_s"], r"a.csv: t_s: a heading comes every [0-9]+ s only: is the time in milliseconds"),
+        (["north_m", "east_m"], "m/s: are they in millimetres"),
+    ],
+)
+def test_times_and_positions_in_other_units_are_refused(columns, words):
+    """Milliseconds kept a fit busy until its memory was full, millimetres ended in "the Hessian is not positive"."""
+    run = teleop_run(VESSEL, 8, 80.0)
+    thousandfold = Run(run.table.with_columns(pl.col(columns) * 1000.0), run.meta)
+    with pytest.raises(JobError, match=words):
+        split([NamedLog("a.csv", thousandfold)], [], VESSEL)
+    (passed_on,) = checked([NamedLog("a.csv", thousandfold)], [], VESSEL).logs
+    assert passed_on.run is thousandfold
 
 
 def test_a_voltage_that_the_pack_cannot_have_is_none():

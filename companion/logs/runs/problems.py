@@ -5,7 +5,7 @@ Thresholds are assumed unless they name a source; each is far from what good log
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -32,6 +32,8 @@ JUMP_M_S, JUMP_M = 3.0, 1.0
 SLOWEST_S, FASTEST_M_S, FAST_SHARE = 5.0, 20.0, 0.2
 """Headings that come more slowly than that, and positions that are faster for such a share of the time, are in other
 units: yaw has a time constant of 2 s, and a boat at 0.02 m/s makes the latter in millimetres; assumed."""
+BIASING = ("damaged", "edited", "disagree", "not obeyed", "clock jump")
+"""Kinds of problems that can bias a fit unnoticed."""
 NOISY = ("r_rad_s", "ax_m_s2", "ay_m_s2", "psi_rad", "north_m")
 """Sampled channels that a fit needs, and whose noise changes their last digit with every sample."""
 WINDOW_S, TURN_RAD, SLOPE_OFF = 2.0, 0.05, 0.3
@@ -51,6 +53,17 @@ def grouped(found: Iterable[LogProblem]) -> dict[str, list[LogProblem]]:
     for problem in found:
         kinds.setdefault(problem.kind, []).append(problem)
     return kinds
+
+
+def problem_sentences(found: Mapping[str, Sequence[LogProblem]], kinds: Collection[str] = BIASING) -> list[str]:
+    """A sentence for each log and each of `kinds` of its problems. `found`: by name of the log."""
+    lines = []
+    for log, ones in found.items():
+        for kind in kinds:
+            if mine := [p for p in ones if p.kind == kind]:
+                more = f" (and {len(mine) - 1} more)" if len(mine) > 1 else ""
+                lines.append(f"{log}: {kind}: {mine[0].text}{more}.")
+    return lines
 
 
 def _stretches(marked: np.ndarray, t_s: np.ndarray, least_s: float) -> Iterator[tuple[float, float, int]]:

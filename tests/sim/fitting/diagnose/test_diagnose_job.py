@@ -134,7 +134,10 @@ def test_with_nothing_named_the_page_says_what_would_have_been_seen(weak):
     dead = {"a.csv": [LogProblem(kind=kind, text=f"r_rad_s: {kind}") for kind in (HELD_READINGS, DEAD_SENSOR)]}
     found = dataclasses.replace(weak[2], verdict="none", causes=())
     lines = sentences(dataclasses.replace(found, problems=dead))
-    assert lines[-2:] == ["a.csv: r_rad_s: held readings.", "a.csv: r_rad_s: dead sensor."]
+    assert lines[-2:] == ["a.csv: dead sensor: r_rad_s: dead sensor.", "a.csv: held readings: r_rad_s: held readings."]
+    held = [LogProblem(kind="not obeyed", text="held by the operator")] * 2
+    told = sentences(dataclasses.replace(found, problems={"a.csv": held}))
+    assert told[-1] == "a.csv: not obeyed: held by the operator (and 1 more)."
     assert "nothing is wrong with aritra" in lines[0]
     assert re.match(r"These logs would have shown thruster_gain from \d", lines[1])
     finding = WiringFinding(name="reversed:front_port", text="thruster front_port is reversed", certain=True)

@@ -94,6 +94,7 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
         from sim.fitting.engine.split import NamedLog
         from sim.fitting.wiring import check
         from sim.fitting.wiring.record import VESSEL
+        from sim.whole_file import write_all_or_none
     except ImportError as error:
         return refuse("diagnose", f"{error}; {how_to_install('analysis')} brings what a diagnosis needs")
     console = console or Console()
@@ -130,8 +131,7 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
             files = record.outputs(
                 diagnosis, inputs.vessel_text, versions(), sys.argv[1:], now_utc(), not args.no_report
             )
-            for name, data in files.items():
-                (args.out / name).write_bytes(data)
+            write_all_or_none(args.out, files)
             say("report", "", 1.0)
     except REFUSED as error:
         return refuse("diagnose", error)

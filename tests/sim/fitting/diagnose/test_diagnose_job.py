@@ -131,13 +131,10 @@ def test_what_is_left_over_and_what_cannot_be_told_apart_is_on_the_page(weak):
 
 
 def test_with_nothing_named_the_page_says_what_would_have_been_seen(weak):
-    dead = {"a.csv": [LogProblem(kind=kind, text=f"r_rad_s: {kind}") for kind in (HELD_READINGS, DEAD_SENSOR)]}
     found = dataclasses.replace(weak[2], verdict="none", causes=())
-    lines = sentences(dataclasses.replace(found, problems=dead))
-    assert lines[-2:] == ["a.csv: dead sensor: r_rad_s: dead sensor.", "a.csv: held readings: r_rad_s: held readings."]
-    held = [LogProblem(kind="not obeyed", text="held by the operator")] * 2
-    told = sentences(dataclasses.replace(found, problems={"a.csv": held}))
-    assert told[-1] == "a.csv: not obeyed: held by the operator (and 1 more)."
+    notes = [LogProblem(kind=kind, text="x") for kind in ("not obeyed", DEAD_SENSOR, HELD_READINGS, "not obeyed")]
+    lines, told = sentences(dataclasses.replace(found, problems={"": notes})), ("not obeyed: x (and 1 more)",)
+    assert lines[-3:] == [f": {text}." for text in (*told, "dead sensor: x", "held readings: x")]
     assert "nothing is wrong with aritra" in lines[0]
     assert re.match(r"These logs would have shown thruster_gain from \d", lines[1])
     finding = WiringFinding(name="reversed:front_port", text="thruster front_port is reversed", certain=True)

@@ -50,8 +50,8 @@ def add_parser(commands) -> None:
         description="Compares a vessel file with logs of the boat, names what is wrong with it (a thruster, a current, "
         "a compass ..) with sizes and intervals, and writes extended.toml (the vessel file with the causes), "
         "refitted.toml, extended_numbers.toml, report.html and findings.json. Existing files are never overwritten. "
-        "Exit code 0: nothing is wrong, or what is wrong is named; 1: done, but something is left unexplained or "
-        "cannot be told apart; 2: bad input.",
+        "Exit code 0: nothing is wrong, or what is wrong is named; 1: done, but something is left unexplained, cannot "
+        "be told apart, or may be the log's own fault; 2: bad input.",
         example="aritra diagnose out/demo/run.mcap --vessel deploy/boats/aritra.toml --out out/diagnosis",
     )
     p.add_argument(
@@ -86,6 +86,7 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
     """Diagnose, write and print the results; the exit code."""
     try:
         from companion.logs.readers.read_run import ReadOptions, read_run
+        from companion.logs.runs.problems import problem_sentences
         from sim.fitting.diagnose import job
         from sim.fitting.diagnose.catalogue import user
         from sim.fitting.diagnose.report import findings, record
@@ -93,6 +94,7 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
         from sim.fitting.engine.split import NamedLog
         from sim.fitting.wiring import check
         from sim.fitting.wiring.record import VESSEL
+        from sim.whole_file import write_all_or_none
     except ImportError as error:
         return refuse("diagnose", f"{error}; {how_to_install('analysis')} brings what a diagnosis needs")
     console = console or Console()
@@ -129,14 +131,14 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
             files = record.outputs(
                 diagnosis, inputs.vessel_text, versions(), sys.argv[1:], now_utc(), not args.no_report
             )
-            for name, data in files.items():
-                (args.out / name).write_bytes(data)
+            write_all_or_none(args.out, files)
             say("report", "", 1.0)
     except REFUSED as error:
         return refuse("diagnose", error)
     _print(diagnosis, args.out, files, console)
     told_only = [f for f in diagnosis.wiring.findings if f not in diagnosis.wiring.corrected]
-    return DONE if diagnosis.verdict in SETTLED and not told_only else LOOK
+    is_doubtful = told_only or problem_sentences(diagnosis.problems)
+    return DONE if diagnosis.verdict in SETTLED and not is_doubtful else LOOK
 
 
 def _print(diagnosis: Diagnosis, out: Path, files: dict[str, bytes], console: Console) -> None:

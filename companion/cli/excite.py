@@ -255,9 +255,8 @@ def _read(path: Path) -> Excitation:
 
 def _knowledge(args: argparse.Namespace, setup: RunSetup, console: Console) -> Knowledge:
     """Prior knowledge of the parameters: from logs, or the vessel file alone. Raises ConfigError naming the log."""
+    from companion.cli.analysis import REFUSED
     from companion.logs.readers.read_run import ReadOptions, read_run
-    from companion.logs.runs.run import RunError
-    from sim.fitting.engine.windows import StructuredFitError
     from sim.fitting.excite.information import Knowledge, recorded_knowledge
 
     vessel = setup.pilot.vessel
@@ -267,7 +266,7 @@ def _knowledge(args: argparse.Namespace, setup: RunSetup, console: Console) -> K
         try:
             runs = [read_run(path, ReadOptions(vessel, setup.pilot.site)) for path in args.log]
             return recorded_knowledge(runs, vessel)
-        except (RunError, StructuredFitError) as error:
+        except REFUSED as error:
             raise ConfigError(str(error)) from None
 
 

@@ -89,6 +89,7 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
         from sim.fitting.identify.structured_fit import FitSettings
         from sim.fitting.wiring import check
         from sim.fitting.wiring.record import VESSEL
+        from sim.whole_file import write_all_or_none
     except ImportError as error:
         return refuse("identify", f"{error}; {how_to_install('analysis')} brings what identification needs")
     console = console or Console()
@@ -115,8 +116,7 @@ def identify(args: argparse.Namespace, console: Console | None = None) -> int:
             identification = identification.with_wiring(found.wiring)
             say("report", "tables and pictures", 0.0)
             files = record.outputs(identification, inputs.vessel_text, versions(), sys.argv[1:])
-            for name, data in files.items():
-                (args.out / name).write_bytes(data)
+            write_all_or_none(args.out, files)
             say("report", "", 1.0)
     except REFUSED as error:
         return refuse("identify", error)

@@ -37,7 +37,8 @@ def add_parser(commands) -> None:
         "has changed (a thruster, drag, load, delay), since when, with evidence; writes proposed.toml, a vessel file "
         "with what is believed now, its gain on missions that it had not seen, and history.html. Nothing is put in "
         "force without --accept, which writes the proposed file under a new name. Stopped at any moment it goes on "
-        "where it was. Exit code 0: done; 1: a change was told or a log could not be used; 2: bad input.",
+        "where it was. Exit code 0: done; 1: a change was told, or a log could not be used or is doubtful; 2: bad "
+        "input.",
         example="aritra watch out/demo/run.mcap --vessel deploy/boats/aritra.toml --history out/history",
     )
     p.add_argument(
@@ -80,7 +81,7 @@ def watch(args: argparse.Namespace, console: Console | None = None) -> int:
             console.print(Text(f"wrote {path}: use it as the vessel file from now on"), soft_wrap=True)
     except REFUSED as error:
         return refuse(NAME, error)
-    return LOOK if outcome.told or outcome.unusable else DONE
+    return LOOK if outcome.told or outcome.unusable or outcome.doubtful else DONE
 
 
 def _print(outcome: Outcome, history: History, console: Console) -> None:
@@ -95,6 +96,8 @@ def _print(outcome: Outcome, history: History, console: Console) -> None:
         line(f"left out: {text}", "bold yellow")
     for text in outcome.in_part:
         line(f"known already: {text}", "bold yellow")
+    for text in outcome.doubtful:
+        line(f"look: {text}", "bold yellow")
     known = f", {len(outcome.known)} known already" if outcome.known else ""
     line(f"{len(outcome.taken)} logs taken in{known}; {len(history.entries)} missions in {history.folder}")
     if outcome.course is None:

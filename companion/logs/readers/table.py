@@ -96,6 +96,8 @@ def csv_lines(path: Path) -> list[bytes]:
             raise RunError(f"{path}: unpacks to more than {most / 1e6:.4g} MB, 100 times its size: unpack it yourself")
     else:
         data = path.read_bytes()
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise RunError(f"{path}: is UTF-16 text: save it as UTF-8, which spreadsheets call CSV UTF-8")
     lines = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").rstrip(b"\n").split(b"\n")
     return lines
 
@@ -104,6 +106,11 @@ def text_columns(lines: list[bytes], header: int, name: str) -> pl.DataFrame:
     """Fields, as text, of the table whose header is line `header` (0-based). RunError for a line of another length."""
     if header >= len(lines) or not lines[header].strip():
         raise RunError(f"{name}: line {header + 1}: no header")
+    for mark, what in ((b";", "semicolons"), (b"\t", "tabs")):
+        if mark in lines[header] and b"," not in lines[header]:
+            raise RunError(
+                f"{name}: line {header + 1}: {what} between the columns; expected commas, and decimal points"
+            )
     columns = [c.strip().strip('"') for c in lines[header].decode(errors="replace").split(",")]
     commas = len(columns) - 1
     for number, line in enumerate(lines[header + 1 :], header + 2):

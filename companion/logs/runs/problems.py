@@ -5,7 +5,7 @@ Thresholds are assumed unless they name a source; each is far from what good log
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -20,12 +20,20 @@ SATURATED_US, SATURATED_S = 1.0, 0.3
 PWM_LIMITS_US = (1100.0, 1900.0)
 STUCK = ((20, 1.0), (8, 5.0))
 """Number of equal samples, and time [s] they last; a heading in steps of 0.01 deg rests for ten at 10 Hz (observed)."""
+EVEN = 0.95
+"""Least share of the readings of one column that are held for the median number of rows, or one more or less; assumed.
+Where a reading repeats the one before by chance, it is 0.87 at most (with a median of 2 rows or more)."""
 VOLTAGE_GAP_S = 10.0
 SLOW_UWB_HZ = 0.9
 """The paper's UWB gives 1 Hz; slower says little about surge and sway."""
 LOST_SHARE = 0.1
 JUMP_M_S, JUMP_M = 3.0, 1.0
 """No small boat moves as fast as this between two fixes."""
+SLOWEST_S, FASTEST_M_S, FAST_SHARE = 5.0, 20.0, 0.2
+"""Headings that come more slowly than that, and positions that are faster for such a share of the time, are in other
+units: yaw has a time constant of 2 s, and a boat at 0.02 m/s makes the latter in millimetres; assumed."""
+BIASING = ("damaged", "edited", "disagree", "not obeyed", "clock jump")
+"""Kinds of problems that can bias a fit unnoticed."""
 NOISY = ("r_rad_s", "ax_m_s2", "ay_m_s2", "psi_rad", "north_m")
 """Sampled channels that a fit needs, and whose noise changes their last digit with every sample."""
 WINDOW_S, TURN_RAD, SLOPE_OFF = 2.0, 0.05, 0.3
@@ -45,6 +53,17 @@ def grouped(found: Iterable[LogProblem]) -> dict[str, list[LogProblem]]:
     for problem in found:
         kinds.setdefault(problem.kind, []).append(problem)
     return kinds
+
+
+def problem_sentences(found: Mapping[str, Sequence[LogProblem]], kinds: Collection[str] = BIASING) -> list[str]:
+    """A sentence for each log and each of `kinds` of its problems. `found`: by name of the log."""
+    lines = []
+    for log, ones in found.items():
+        for kind in kinds:
+            if mine := [p for p in ones if p.kind == kind]:
+                more = f" (and {len(mine) - 1} more)" if len(mine) > 1 else ""
+                lines.append(f"{log}: {kind}: {mine[0].text}{more}.")
+    return lines
 
 
 def _stretches(marked: np.ndarray, t_s: np.ndarray, least_s: float) -> Iterator[tuple[float, float, int]]:
@@ -187,23 +206,45 @@ def dead_columns(run: Run) -> list[str]:
     return [*(column for column in INERTIAL if dead(column)), *(place if dead(*place) else ())]
 
 
-def held_rows(run: Run) -> np.ndarray:
-    """Rows (rows,) whose position is only that of the row before, written again; none where that is no habit of a log.
+def unit_fault(run: Run) -> str:
+    """What shows that stamps are no seconds, or positions no metres, in words; empty where nothing does."""
+    steps_s = np.diff(run.samples("psi_rad")[0])
+    if len(steps_s) and (usual_s := float(np.median(steps_s))) > SLOWEST_S:
+        return f"t_s: a heading comes every {usual_s:.3g} s only: is the time in milliseconds? Write seconds"
+    t_s, places = run.samples("north_m", "east_m")
+    later = np.searchsorted(t_s, t_s + WINDOW_S)
+    first, later = np.flatnonzero(later < len(t_s)), later[later < len(t_s)]
+    if not len(first):
+        return ""
+    speeds_m_s = np.linalg.norm(places[later] - places[first], axis=1) / (t_s[later] - t_s[first])
+    if (fast_m_s := float(np.quantile(speeds_m_s, 1 - FAST_SHARE))) <= FASTEST_M_S:
+        return ""
+    return f"north_m, east_m: they move at {fast_m_s:.0f} m/s: are they in millimetres? Write metres"
 
-    A position that is held until the next one comes stands in most rows, and a boat that rests repeats it, too: what
-    tells them apart is that of positions which differ, more than half are repeated. One is held for the median of these
-    lengths; where the boat rests for longer, one for each such length counts.
+
+def held_rows(run: Run, *columns: str) -> np.ndarray:
+    """Rows (rows,) whose reading in `columns` is only that of the row before, written again; none where that is no
+    habit of a log. `columns`: both of a position, or one of another sensor.
+
+    A reading that is held until the next one comes stands in most rows, and a boat that rests repeats its position,
+    too: what tells them apart is that of readings which differ, more than half are repeated. One is held for the median
+    of these lengths; where the boat rests for longer, one for each such length counts. Of a single column with few
+    digits the lengths are those of chance: there nearly all have to be alike.
     """
-    place = run.table.select("north_m", "east_m").to_numpy()
-    known = np.flatnonzero(~np.isnan(place).any(axis=1))
-    again = np.zeros(len(place), dtype=bool)
+    values = run.table.select(columns).to_numpy()
+    known = np.flatnonzero(~np.isnan(values).any(axis=1))
+    again = np.zeros(len(values), dtype=bool)
     if len(known) < 2:
         return again
-    same = (np.diff(place[known], axis=0) == 0).all(axis=1)
+    same = (np.diff(values[known], axis=0) == 0).all(axis=1)
     first = np.flatnonzero(np.append(True, ~same))
     lengths = np.diff(np.append(first, len(known)))
-    if (held := round(float(np.median(lengths)))) >= 2:
-        again[known] = (np.arange(len(known)) - np.repeat(first, lengths)) % held != 0
+    held = round(float(np.median(lengths)))
+    is_habit = len(columns) > 1 or (len(lengths) >= STUCK[1][0] and np.mean(np.abs(lengths - held) <= 1) >= EVEN)
+    if held >= 2 and is_habit:
+        since = np.arange(len(known)) - np.repeat(first, lengths)
+        readings = np.repeat(np.maximum(np.rint(lengths / held), 1), lengths)
+        again[known] = (since % held != 0) | (since // held >= readings)
     return again
 
 

@@ -36,6 +36,7 @@ class MissionEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One log: its file, SHA-256 of file and data, begin [Unix s], duration [s], and what it says of the boat.
 
     `marks`: fingerprint of its positions; none in entries that older versions wrote.
+    `doubts`: problems of the log that can bias what it says, in sentences.
     """
 
     format: int = FORMAT
@@ -51,6 +52,7 @@ class MissionEntry(msgspec.Struct, frozen=True, kw_only=True):
     latent: tuple[float, float, float]
     thrust: tuple[float, float, float]
     marks: tuple[int, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def information(self) -> MissionInformation:
         """What the log says."""
@@ -101,11 +103,12 @@ class History:
         """The log in the history that shares positions with one of the fingerprint `marks`; empty where none does."""
         return next((e.log for e in self.entries if overlap(np.array(e.marks, dtype=np.uint64), marks)), "")
 
-    def add(self, entry: MissionEntry) -> None:
-        """Keep an entry, on disk before it returns. Raises OSError."""
-        name = f"{entry.begin_unix_s:.0f}-{entry.data_sha256[:12]}.json"
-        write_whole(self.folder / LOGS / name, msgspec.json.encode(entry))
+    def add(self, entry: MissionEntry) -> Path:
+        """Keep an entry, on disk before it returns; its file. Raises OSError."""
+        path = self.folder / LOGS / f"{entry.begin_unix_s:.0f}-{entry.data_sha256[:12]}.json"
+        write_whole(path, msgspec.json.encode(entry))
         self.entries = sorted([*self.entries, entry], key=lambda e: (e.begin_unix_s, e.data_sha256))
+        return path
 
     def files_in_force(self, names: Sequence[str]) -> list[np.ndarray]:
         """Theta (B,) of the vessel file in force in each mission: that of the last acceptance before it, else zero."""

@@ -18,6 +18,7 @@ from companion.core.configuration.tables import ConfigError
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.fingerprint import fingerprint
+from companion.logs.runs.problems import problem_sentences, problems
 from companion.logs.runs.run import Run
 from sim.commission.watch.causes import Watched, watched
 from sim.commission.watch.course import BoatCourse, course
@@ -35,6 +36,7 @@ from sim.commission.watch.mission_fit import boat_effects, mission_information
 from sim.commission.watch.page import history_page
 from sim.commission.watch.proposal import proposed_text
 from sim.commission.watch.sentences import when
+from sim.fitting.diagnose.preparation.swapped_columns import reject_swapped_columns
 from sim.whole_file import write_whole
 
 UNUSABLE = (LogError, ValueError, OSError, np.linalg.LinAlgError)
@@ -47,6 +49,7 @@ class Outcome:
     """What a watch did: names of logs taken in, of those known already, and why others could not be used.
 
     `in_part`: of the known ones, those that share positions with another log of the history, in words.
+    `doubtful`: why what logs that were taken in say may be wrong, and how to take them out again, in words.
     `course`: None without any log; `told`: changes that were not told before; `in_force`: name of the vessel file in
     force, `since`: its first mission (index).
     """
@@ -55,6 +58,7 @@ class Outcome:
     known: tuple[str, ...]
     unusable: tuple[str, ...]
     in_part: tuple[str, ...]
+    doubtful: tuple[str, ...]
     course: BoatCourse | None
     told: tuple[int, ...]
     in_force: str
@@ -70,7 +74,7 @@ def watch(
         raise ConfigError(f"{proposed}: was changed by hand; move it away, it is made anew")
     found = course_of(history)
     old = _changes(history, found)
-    taken, known, unusable, in_part = [], [], [], []
+    taken, known, unusable, in_part, doubtful = [], [], [], [], []
     for i, path in enumerate(logs):
         say(path.name, i / len(logs))
         try:
@@ -82,14 +86,19 @@ def watch(
             known.append(str(path))
             in_part += [entry] if entry else []
             continue
-        history.add(entry)
+        kept = history.add(entry)
+        doubtful += [
+            f"{doubt} It counts all the same: to take it out again, move {kept} away" for doubt in entry.doubts
+        ]
         taken.append(str(path))
     found = course_of(history) if taken else found
     told = tuple(i for i, change in enumerate(_changes(history, found)) if change not in old)
     last = history.accepted[-1] if history.accepted else None
     since = sum(last is not None and entry.begin_unix_s <= last.until_unix_s for entry in history.entries)
     in_force = last.file if last else VESSEL
-    outcome = Outcome(tuple(taken), tuple(known), tuple(unusable), tuple(in_part), found, told, in_force, since)
+    outcome = Outcome(
+        tuple(taken), tuple(known), tuple(unusable), tuple(in_part), tuple(doubtful), found, told, in_force, since
+    )
     if found:
         write_whole(proposed, marked(proposal(history, found)).encode())
         write_whole(history.folder / PAGE, history_page(history, found, since, in_force).encode())
@@ -152,6 +161,7 @@ def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | st
     if other := history.overlapping(marks):
         return f"{path}: one recording with {other}, which is in the history: not taken in again"
     begin_s = _begin_unix_s(path, run, history.vessel.name)
+    reject_swapped_columns(run)
     found = mission_information(run, history.vessel)
     if not np.isfinite(found.precision).all() or not np.isfinite(found.eta).all():
         raise ValueError("the fit ran away: is it a log of this boat?")
@@ -159,6 +169,7 @@ def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | st
         log=str(path), file_sha256=content, data_sha256=run.data_hash, begin_unix_s=begin_s, duration_s=run.duration_s,
         names=found.names, precision=found.precision.tolist(), eta=found.eta.tolist(), day=dict(found.day),
         latent=found.latent, thrust=found.thrust, marks=tuple(marks.tolist()),
+        doubts=tuple(problem_sentences({str(path): problems(run)})),
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ HEAD = ("mission", "begin", "log", "current [m/s]", "unexplained [%]", "s²", "g
 def history_page(history: History, course: BoatCourse, since: int, in_force: str) -> str:
     """The page as text; `since`: first mission (index) of the vessel file `in_force`."""
     told = tuple(change_sentence(change, history.entries) for change in course.changes)
+    doubts = tuple(doubt for entry in history.entries for doubt in entry.doubts)
     nothing = (f"Nothing has changed that {len(course.missions)} missions can show.",)
     sections = [
         Section("Changes", told or nothing, look=bool(told)),
@@ -35,6 +36,7 @@ def history_page(history: History, course: BoatCourse, since: int, in_force: str
         ),
         Section(
             "Missions",
+            doubts,
             tables=(_missions(history, course),),
             figures=((gains(course), "Each mission is predicted before it is learned."),),
             note="Unexplained: share of the forces in this log that the model cannot explain (waves, gusts), by which "

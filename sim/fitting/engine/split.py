@@ -21,8 +21,9 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import pack_range
+from companion.logs.runs.columns import INERTIAL
 from companion.logs.runs.fingerprint import fingerprint, overlap
-from companion.logs.runs.problems import dead_columns, held_rows
+from companion.logs.runs.problems import dead_columns, held_rows, unit_fault
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 from companion.logs.runs.splits import HeldOut, Interval, alternate, length_s, parts, recording_intervals, tail
 from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, inside_edges
@@ -31,8 +32,8 @@ SHARE = 0.25
 LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
 """Assumed: a few of the hull's time constants to fit on; two open-loop runs of 10 s to be judged by."""
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
-DEAD_SENSOR, HELD_POSITIONS, OTHER_BOAT = "dead sensor", "held positions", "another boat"
-"""Kinds of problems: columns are left out that no sensor wrote, positions are used where they were new, logs
+DEAD_SENSOR, HELD_READINGS, OTHER_BOAT = "dead sensor", "held readings", "another boat"
+"""Kinds of problems: columns are left out that no sensor wrote, readings are used where they were new, logs
 state several boats.
 """
 NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
@@ -151,12 +152,14 @@ def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
             f"{log.name}: columns pwm_{', pwm_'.join(run.thrusters)}, but the thrusters of {vessel.name} are "
             f"{', '.join(names)}: another boat's log, or another boat's vessel file"
         )
+    if fault := unit_fault(run):
+        raise JobError(f"{log.name}: {fault}")
     dead = dead_columns(run)
     if dead:
         text = f"{', '.join(dead)}: the same value in every sample, which no sensor gives: left out, as if blank"
         blank = run.table.with_columns(pl.lit(None, pl.Float64).alias(column) for column in dead)
         run = Run(blank, run.meta).with_notes([LogProblem(kind=DEAD_SENSOR, text=text)])
-    run = _without_held_positions(_without_absurd_voltages(run, vessel))
+    run = _without_held_readings(_without_absurd_voltages(run, vessel))
     for column, what in (("psi_rad", "heading"), ("north_m", "position"), *((f"pwm_{n}", "commands") for n in names)):
         if not run.known(column):
             hint = "; `aritra log export --uwb` joins a UWB log to a .bin or .tlog" if column == "north_m" else ""
@@ -183,17 +186,20 @@ def _without_absurd_voltages(run: Run, vessel: VesselFile) -> Run:
     return Run(run.table.with_columns(blank), run.meta).with_notes([LogProblem(kind=DEAD_SENSOR, text=text)])
 
 
-def _without_held_positions(run: Run) -> Run:
-    """`run` with each position where it was new: those that are only written again are late by up to a period."""
-    again = held_rows(run)
-    if not again.any():
+def _without_held_readings(run: Run) -> Run:
+    """`run` with each reading where it was new: those that are only written again are late by up to a period."""
+    sensors = (("north_m", "east_m"), *((name,) for name in INERTIAL if run.known(name)))
+    again = {names: rows for names in sensors if (rows := held_rows(run, *names)).any()}
+    if not again:
         return run
-    blank = (pl.when(pl.Series(again)).then(None).otherwise(pl.col(name)).alias(name) for name in ("north_m", "east_m"))
-    text = (
-        f"north_m, east_m: {100 * again.mean():.0f} % of the rows repeat the position before, as if it was held until "
-        "the next: each is used where it was new"
+    shares = ", ".join(f"{', '.join(names)}: {100 * rows.mean():.0f} %" for names, rows in again.items())
+    text = f"{shares} of the rows repeat the reading before, held until the next: each is used where it was new"
+    blank = (
+        pl.when(pl.Series(rows)).then(None).otherwise(pl.col(name)).alias(name)
+        for names, rows in again.items()
+        for name in names
     )
-    return Run(run.table.with_columns(blank), run.meta).with_notes([LogProblem(kind=HELD_POSITIONS, text=text)])
+    return Run(run.table.with_columns(blank), run.meta).with_notes([LogProblem(kind=HELD_READINGS, text=text)])
 
 
 def split_at_pauses(run: Run) -> list[Run]:

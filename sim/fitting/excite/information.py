@@ -18,9 +18,11 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from sim.fitting.engine.noise import STATE, L
 from sim.fitting.engine.parameters import HULL, Parameters
+from sim.fitting.engine.split import NamedLog, reject_overlap, split_at_pauses, usable
 from sim.fitting.engine.windows import Windows
 from sim.fitting.identify.result import UNDETERMINED
 from sim.fitting.identify.structured_fit import FitSettings, StructuredFit, solve
+from sim.fitting.wiring.levelling import levelled
 
 TRUTH = tuple(f"true_{name}" for name in ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s"))
 PLANNED = FitSettings(latent=False)
@@ -92,11 +94,13 @@ def planned_information(run: Run, vessel: VesselFile, settings: FitSettings = PL
 
 
 def recorded_knowledge(runs: Sequence[Run], vessel: VesselFile) -> Knowledge:
-    """Knowledge from recorded runs: a structured fit, and the information at its solution.
+    """Knowledge from recorded runs, prepared as for any fit: a structured fit, and the information at its solution.
 
-    Raises StructuredFitError.
+    Raises JobError, RunError or StructuredFitError (all ValueError) naming the run that cannot be used.
     """
-    fit = StructuredFit(runs, vessel, FitSettings())
+    logs = levelled([usable(NamedLog(run.meta.source, run), vessel) for run in runs])
+    reject_overlap(logs)
+    fit = StructuredFit([piece for log in logs for piece in split_at_pauses(log.run)], vessel, FitSettings())
     point, _ = solve(fit)
     precision = fit.assemble(point, fit.noise)[0].solve()[2]
     return Knowledge(vessel, precision, point.w)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.logs.runs.problems import BIASING, problem_sentences
 from companion.logs.runs.run import LogProblem
 from sim.fitting.engine.free_parameters import SURROUNDINGS
 from sim.fitting.engine.parameters import WARP
@@ -49,7 +50,7 @@ NEEDED = (
 """The data must determine one of each group: else the boat's speed or its response to thrust is the prior's."""
 NUISANCE = (*WARP, *(p.name for _, p in SURROUNDINGS))
 """Parameters that are no property of boat or sensors."""
-DOUBTFUL = ("damaged", "edited", "disagree", "not obeyed", "clock jump", DEAD_SENSOR, OTHER_BOAT, NOT_JUDGED)
+DOUBTFUL = (*BIASING, DEAD_SENSOR, OTHER_BOAT, NOT_JUDGED)
 """Kinds of log problems that can bias a fit unnoticed, or by which it or its judgement lacks something."""
 
 
@@ -92,7 +93,7 @@ def verdict(
         *implausible(chosen.vessel, structured),
         *written_otherwise(chosen.vessel, structured),
         *_model_doubts(errors, validation),
-        *_log_doubts(problems),
+        *problem_sentences(problems, DOUBTFUL),
     ]
     next_ones = advice(_undetermined(structured), chosen.vessel)
     return IdentificationVerdict(believe, errors, tuple(lines), tuple(attention), tuple(next_ones))
@@ -237,16 +238,4 @@ def _model_doubts(errors: Mapping[str, float], validation: Validation) -> list[s
     stable = next(s for s in validation.stabilities if s.name == name)
     if score.diverged[-1] or stable.free_diverged:
         doubts.append("The structured model runs away from the speeds of the fitted data: see Stability.")
-    return doubts
-
-
-def _log_doubts(problems: Mapping[str, Sequence[LogProblem]]) -> list[str]:
-    """Log problems that can bias a fit, one sentence for each log and kind."""
-    doubts = []
-    for log, ones in problems.items():
-        for kind in DOUBTFUL:
-            mine = [p for p in ones if p.kind == kind]
-            if mine:
-                more = f" (and {len(mine) - 1} more)" if len(mine) > 1 else ""
-                doubts.append(f"{log}: {kind}: {mine[0].text}{more}.")
     return doubts

@@ -18,6 +18,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.problems import unit_fault
 from companion.logs.runs.run import Run
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.wiring.compass import compass_finding
@@ -126,7 +127,8 @@ def _shows(best: Connection, run: Run, vessel: VesselFile) -> bool:
 
 def _able(run: Run, vessel: VesselFile) -> bool:
     needed = ("psi_rad", "north_m", *(f"pwm_{t.name}" for t in vessel.thrusters))
-    return set(run.thrusters) == {t.name for t in vessel.thrusters} and all(run.known(c) for c in needed)
+    named = set(run.thrusters) == {t.name for t in vessel.thrusters}
+    return named and all(run.known(c) for c in needed) and not unit_fault(run)
 
 
 def _noted(changed: VesselFile, vessel: VesselFile) -> VesselFile:

@@ -6,14 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from companion.logs.runs.problems import BIASING, problem_sentences
 from sim.fitting.diagnose.job import Diagnosis
 from sim.fitting.diagnose.selection.held_out import LEAST_BLOCKS, HeldOutScore, OpenLoopError
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
-from sim.fitting.engine.split import DEAD_SENSOR, HELD_POSITIONS, OTHER_BOAT
+from sim.fitting.engine.split import DEAD_SENSOR, HELD_READINGS, OTHER_BOAT
 
 SHOWN_S = 10
 ROUGH, QUIET_M_S2 = 2.0, 0.01  # latent acceleration of an unusable reference over the logs', or this; assumed
-TOLD = DEAD_SENSOR, HELD_POSITIONS, OTHER_BOAT
+TOLD = (*BIASING, DEAD_SENSOR, HELD_READINGS, OTHER_BOAT)
 """Kinds of problems of the logs that stand beside the verdict; all are in the report."""
 WORTH = 0.1
 """Share of the held-out error below which other numbers are not worth another file; assumed."""
@@ -48,8 +49,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
             "themselves: it was not calm, or something was wrong already. Faults may hide behind its noise; record "
             "another, or leave it out."
         )
-    for log, problems in diagnosis.problems.items():
-        lines += [f"{log}: {p.text}." for p in problems if p.kind in TOLD]
+    lines += problem_sentences(diagnosis.problems, TOLD)
     if diagnosis.identifiability is not None and diagnosis.identifiability.record.manoeuvre:
         lines.append(diagnosis.identifiability.record.manoeuvre)
     return [*lines, *diagnosis.wiring.open_lines]

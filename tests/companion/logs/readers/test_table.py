@@ -109,7 +109,7 @@ def test_errors_name_file_line_and_column(lines):
     [
         (lambda h: h.replace("psi_rad", "psi_deg"), r"line \d+: column psi_rad: missing; is it 'psi_deg'\?"),
         (lambda h: h.replace("r_rad_s", "ax_m_s2", 1), r"line \d+: column ax_m_s2: is there twice"),
-        (lambda h: h.replace(",", ";"), r"line \d+: 10 fields; the header has 1"),
+        (lambda h: h.replace(",", ";"), r"line \d+: semicolons between the columns"),
         (lambda h: "", r"line \d+: no header"),
     ],
 )
@@ -118,6 +118,22 @@ def test_a_wrong_header_is_told(lines, change, told):
     put(path, [*text[:head], change(text[head]), *text[head + 1 :]])
     with pytest.raises(RunError, match=told):
         read_csv(path)
+
+
+@pytest.mark.parametrize(
+    ("saved", "told"),
+    [
+        (lambda text: text.encode("utf-16"), "is UTF-16 text: save it as UTF-8"),
+        (lambda text: text.replace(",", ";").replace(".", ",").encode(), "line 1: semicolons between the columns"),
+        (lambda text: text.replace(",", "\t").encode(), "line 1: tabs between the columns"),
+    ],
+)
+def test_how_a_spreadsheet_saved_it_is_told(tmp_path, saved, told):
+    """It was "line 7352: 1 fields", or that all columns are missing."""
+    path = tmp_path / "lab.csv"
+    path.write_bytes(saved(clean_run(2.0).table.write_csv()))
+    with pytest.raises(RunError, match=told):
+        read_run(path)
 
 
 def test_columns_in_another_order_are_the_same_run_but_swapped_names_are_found(lines):

@@ -8,6 +8,8 @@ from companion.logs.runs.problems import dead_columns, grouped, held_rows, probl
 from companion.logs.runs.run import LogProblem, Run
 from tests.companion.logs.readers.run_logs import clean_run
 
+PLACE = ("north_m", "east_m")
+
 
 def edited(run: Run, first_s: float, last_s: float, **columns) -> Run:
     """`columns`: value (None: blank) or function of the old one, in rows of [first_s, last_s)."""
@@ -165,9 +167,29 @@ def test_columns_that_hold_one_value_throughout_are_dead():
 
 def test_positions_that_are_held_are_told_and_a_boat_that_rests_keeps_one_a_period():
     run = clean_run()
-    assert not held_rows(run).any()
+    assert not held_rows(run, *PLACE).any()
     fix = pl.int_range(pl.len()) // 5
     held = run.table.with_columns(
         north_m=(pl.min_horizontal(fix, pl.len() // 10) * 0.3).cast(pl.Float64), east_m=pl.lit(2.0)
     )
-    assert held_rows(Run(held)).tolist() == [row % 5 != 0 for row in range(held.height)]
+    assert held_rows(Run(held), *PLACE).tolist() == [row % 5 != 0 for row in range(held.height)]
+
+
+def test_readings_of_one_column_are_held_where_nearly_all_last_as_long():
+    """A swell in five steps rests for longer at its crests. Seed 3."""
+    t_s, rng = np.arange(600) / 100.0, np.random.default_rng(3)
+    fresh = rng.normal(size=len(t_s))
+    period = rng.choice([6, 7], 100).cumsum()
+    steps = np.searchsorted(period, np.arange(len(t_s)), side="right")
+    columns = ("r_rad_s", "ax_m_s2", "ay_m_s2")
+    table = clean_run().table[: len(t_s)]
+    assert table.height == len(t_s)
+    table = table.with_columns(
+        t_s=pl.Series(t_s),
+        r_rad_s=pl.Series(fresh[steps]),
+        ax_m_s2=pl.Series(np.round(5.0 * np.sin(t_s))),
+        ay_m_s2=pl.Series(fresh),
+    )
+    held = {name: held_rows(Run(table), name) for name in columns}
+    assert held["r_rad_s"].sum() == len(t_s) - len(np.unique(steps))
+    assert not held["ax_m_s2"].any() and not held["ay_m_s2"].any()

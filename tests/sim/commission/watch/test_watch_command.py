@@ -1,6 +1,7 @@
 """`aritra watch` as its user runs it: logs in, one page and one proposed file out, nothing twice."""
 
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,9 @@ from msgspec.structs import replace
 
 from companion.boat.load_run import EXAMPLES
 from companion.core.model.load_vessel import load_vessel
+from companion.logs.readers.read_run import read_run
 from companion.logs.readers.table import write_run
+from companion.logs.runs.run import Run
 from sim.world.teleop_log import teleop_run
 from tests.companion.command_line import exit_code
 from tests.support.vessel_fixtures import boat
@@ -67,3 +70,17 @@ def test_what_is_wrong_is_said_in_one_sentence(tmp_path, logs, capsys):
     (tmp_path / "h" / "proposed.toml").write_text("mine")
     assert watch(tmp_path / "h") == 2
     assert "changed by hand" in capsys.readouterr().err
+
+
+def test_a_log_with_its_gyro_reversed_is_left_out_and_a_doubtful_one_is_told(tmp_path, logs, capsys):
+    """The former had all thrusters 70 % weaker; the latter is one whose data was changed since it was written."""
+    table, lines = read_run(logs[0]).table, logs[1].read_text().splitlines()
+    write_run(Run(table.with_columns(-table["r_rad_s"])), tmp_path / "turned.csv")
+    (tmp_path / "edited.csv").write_text("\n".join(lines[:-1]) + "\n")
+    assert watch(tmp_path / "history", tmp_path / "turned.csv", tmp_path / "edited.csv") == 1
+    told = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"left out: \S+turned.csv: .*psi_rad turns -\S+ times .* positive to port\?", told), told
+    assert "1 logs taken in" in told
+    (entry,) = (tmp_path / "history" / "logs").iterdir()
+    assert "edited.csv: edited: " in told and f"move {entry} away" in told
+    assert "edited.csv: edited: " in (tmp_path / "history" / "history.html").read_text()

@@ -26,7 +26,7 @@ from sim.fitting.diagnose.report.sentences import sentences
 from sim.fitting.diagnose.report.verdict import HARMFUL
 from sim.fitting.diagnose.selection.distinguishability import Distinguishability
 from sim.fitting.diagnose.selection.identifiability import PairwiseEvidence
-from sim.fitting.engine.split import DEAD_SENSOR, HELD_POSITIONS
+from sim.fitting.engine.split import DEAD_SENSOR, HELD_READINGS
 from sim.fitting.wiring.record import WiringFinding, WiringReport
 from sim.world.teleop_log import teleop_run
 from tests.companion.command_line import exit_code
@@ -131,10 +131,10 @@ def test_what_is_left_over_and_what_cannot_be_told_apart_is_on_the_page(weak):
 
 
 def test_with_nothing_named_the_page_says_what_would_have_been_seen(weak):
-    dead = {"a.csv": [LogProblem(kind=kind, text=f"r_rad_s: {kind}") for kind in (HELD_POSITIONS, DEAD_SENSOR)]}
     found = dataclasses.replace(weak[2], verdict="none", causes=())
-    lines = sentences(dataclasses.replace(found, problems=dead))
-    assert lines[-2:] == ["a.csv: r_rad_s: held positions.", "a.csv: r_rad_s: dead sensor."]
+    notes = [LogProblem(kind=kind, text="x") for kind in ("not obeyed", DEAD_SENSOR, HELD_READINGS, "not obeyed")]
+    lines, told = sentences(dataclasses.replace(found, problems={"": notes})), ("not obeyed: x (and 1 more)",)
+    assert lines[-3:] == [f": {text}." for text in (*told, "dead sensor: x", "held readings: x")]
     assert "nothing is wrong with aritra" in lines[0]
     assert re.match(r"These logs would have shown thruster_gain from \d", lines[1])
     finding = WiringFinding(name="reversed:front_port", text="thruster front_port is reversed", certain=True)

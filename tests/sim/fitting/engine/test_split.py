@@ -1,10 +1,12 @@
 """What a fit makes of positions that a table repeats, of absurd voltages, and of logs of several boats. Seed 8."""
 
 import polars as pl
+import pytest
 from msgspec.structs import replace
 
 from companion.logs.runs.run import Run
-from sim.fitting.engine.split import NamedLog, split
+from sim.fitting.engine.split import JobError, NamedLog, split
+from sim.fitting.wiring.check import checked
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
 
@@ -19,14 +21,45 @@ def test_positions_that_are_held_until_the_next_are_used_where_they_were_new():
     (used,) = split([NamedLog("a.csv", Run(filled, run.meta))], [], VESSEL).used
     for column in ("north_m", "east_m"):
         assert used.log.run.table[column].equals(run.table[column])
-    (note,) = [n for n in used.log.run.meta.notes if n.kind == "held positions"]
-    assert "rows repeat the position before" in note.text
+    (note,) = [n for n in used.log.run.meta.notes if n.kind == "held readings"]
+    assert "rows repeat the reading before" in note.text
     rests = pl.col("t_s") > 60.0
     resting = run.table.with_columns(
         pl.when(rests).then(1.0).otherwise(pl.col(name)).alias(name) for name in ("north_m", "east_m")
     )
     (used,) = split([NamedLog("a.csv", Run(resting, run.meta))], [], VESSEL).used
     assert used.log.run.table["north_m"].equals(resting["north_m"]) and not used.log.run.meta.notes
+
+
+def test_heading_and_inertial_readings_that_are_held_are_used_where_they_were_new():
+    """Taken as they stand, they made the thrust 48 ms later, with an interval of 6 ms (10 Hz in a table of 50 Hz)."""
+    run = teleop_run(VESSEL, 8, 80.0)
+    inertial = ["psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2"]
+    fresh = pl.col("psi_rad").is_not_null() & (pl.col("psi_rad").is_not_null().cum_sum() % 5 == 1)
+    slow = run.table.with_columns(pl.when(fresh).then(pl.col(name)).alias(name) for name in inertial)
+    filled = slow.with_columns(pl.col(inertial).forward_fill())
+    (used,) = split([NamedLog("a.csv", Run(filled, run.meta))], [], VESSEL).used
+    for name in inertial:
+        assert used.log.run.table[name].equals(slow[name]), name
+    (note,) = [n for n in used.log.run.meta.notes if n.kind == "held readings"]
+    assert note.text.startswith("psi_rad: ") and "ay_m_s2: " in note.text
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        (["t_s"], r"a.csv: t_s: a heading comes every [0-9]+ s only: is the time in milliseconds"),
+        (["north_m", "east_m"], "m/s: are they in millimetres"),
+    ],
+)
+def test_times_and_positions_in_other_units_are_refused(columns, words):
+    """Milliseconds kept a fit busy until its memory was full, millimetres ended in "the Hessian is not positive"."""
+    run = teleop_run(VESSEL, 8, 80.0)
+    thousandfold = Run(run.table.with_columns(pl.col(columns) * 1000.0), run.meta)
+    with pytest.raises(JobError, match=words):
+        split([NamedLog("a.csv", thousandfold)], [], VESSEL)
+    (passed_on,) = checked([NamedLog("a.csv", thousandfold)], [], VESSEL).logs
+    assert passed_on.run is thousandfold
 
 
 def test_a_voltage_that_the_pack_cannot_have_is_none():

@@ -9,6 +9,7 @@ import pytest
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import Idle
 from sim.fitting.engine.noise import STATE, L
+from sim.fitting.engine.split import JobError
 from sim.fitting.excite.design import advise, candidates, choose, design, least_share, worth_per_s
 from sim.fitting.excite.information import (
     PLANNED,
@@ -105,6 +106,15 @@ def test_what_is_expected_of_a_log_is_what_the_fit_finds():
     assert (ratio > 1 / 1.5).all() and (ratio < 1.5).all()
     known = recorded_knowledge([run], vessel)
     assert known.share[of] == pytest.approx([p.share_of_prior for p in fitted.parameters[: len(of)]], rel=0.2)
+
+
+def test_a_log_counts_once_and_one_of_another_boat_is_refused():
+    """Named twice, a log made every parameter known better by a third than it was."""
+    run, twin = teleop_run(VESSEL, 3, 60.0), teleop_run(boat("twin"), 3, 60.0)
+    with pytest.raises(JobError, match="holds the same data as"):
+        recorded_knowledge([run, run], VESSEL)
+    with pytest.raises(JobError, match="another boat's log"):
+        recorded_knowledge([twin], VESSEL)
 
 
 def moves(candidate, column):

@@ -105,8 +105,8 @@ class BankState:
     """Batch of K filters: mean (K, 10 + n) of [d a waves c], covariance, sum of log-likelihood ratios (K,) [nats].
 
     `age_s`: since each began afresh (K,); `noise`: mean square of the change of w in half a second that each leaves
-    unexplained (K, 3); `past`: the last residuals and forces; `count`: of all; `is_rough`: waves are larger than the
-    noise.
+    unexplained (K, 3); `past`: the last residuals and forces; `count`: of all; `rough_s`: for how long waves have
+    been larger than the noise.
     """
 
     mean: np.ndarray
@@ -116,7 +116,7 @@ class BankState:
     noise: np.ndarray
     past: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
     count: int = 0
-    is_rough: bool = False
+    rough_s: float = 0.0
 
 
 class ThrusterBank:
@@ -175,7 +175,7 @@ class ThrusterBank:
         #    one reading tells MOST at most, of the best against `sound`; what is behind the best stays behind
         gained = TEMPER * (log_likelihood - log_likelihood[0])
         excess = max(0.0, float(gained.max()) - MOST)
-        is_rough = bool((wave > WAVE_MARGIN * NOISE_VARIANCE).any())
+        is_rough = (wave > WAVE_MARGIN * NOISE_VARIANCE).any()
         kept = known * (np.exp(-dt_s / MEMORY_S) if is_rough else 1.0) * state.nats
         nats = kept + np.where(gained > 0.0, np.maximum(gained - excess, 0.0), np.maximum(gained, -MOST))
         nats -= max(0.0, nats.max() - CEILING)
@@ -183,7 +183,8 @@ class ThrusterBank:
         nats[anew], anew[0] = 0.0, False
         mean[anew], P[anew] = self._afresh(anew, mean[0], P[0])
         age_s = np.where(anew, 0.0, state.age_s + dt_s)
-        return BankState(mean, P, nats, age_s, noise, past, state.count + 1, is_rough)
+        rough_s = state.rough_s + dt_s if is_rough else 0.0
+        return BankState(mean, P, nats, age_s, noise, past, state.count + 1, rough_s)
 
     def _predicted(self, state: BankState, wave: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
         """A tick later: d forgets itself in D_TIME_S, waves of variances `wave` (3,) go on, what has just stuck spins

@@ -21,8 +21,8 @@ from companion.core.pilot.trust.verdict import Finding
 SURE_NATS, AHEAD_NATS = 15.0, 5.0
 """So much for a hypothesis against `sound`, and against the next one; assumed: beyond 1 in a million by chance."""
 ROUGH_NATS = 20.0
-"""So much for one that is stuck, in waves larger than the noise: gusts may push as steadily for some seconds. Assumed:
-in 24 h of weather, with hull and thrusters off by 20 %, a sound boat reached 17."""
+"""So much for one that is stuck, in waves that were larger than the noise before it began to look so: gusts may push as
+steadily for some seconds. Assumed: in 24 h of weather, with hull and thrusters off by 20 %, a sound boat reached 17."""
 LEAD_NATS = 3.0
 """So much ahead of a push a thruster must be that sticks: it may not have been told anything else yet. Assumed: pushes
 of 10 to 40 N that were taken for one were 2 behind in the median, and stuck ones are ahead by 3 within 1.3 s."""
@@ -120,7 +120,7 @@ class ThrusterVerdicts:
         if best in dead:  # to give nothing of what is asked for, and to be stuck at nothing, is the same
             near = [k for k in near if k not in dead]
             best = min(k for k in dead if nats[k] >= SURE_NATS)  # gains stand before what sticks
-        elif kinds[best].kind == "stuck" and state.bank.is_rough and nats[best] < ROUGH_NATS:
+        elif kinds[best].kind == "stuck" and nats[best] < ROUGH_NATS and state.bank.rough_s > state.bank.age_s[best]:
             return state, report
         best, rivals = self._rivals(state, best, [k for k in near if k != best])
         may_be_waves = state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS

@@ -171,13 +171,13 @@ def warnings(setup: RunSetup) -> list[str]:
             texts.append(
                 f"{where} lies {room_m:.1f} m from the fence: the boat keeps {margin_m:g} m off it where it can"
             )
+    path = setup.pilot.mission.path
     texts += [
         f"the leg from waypoint {i} to {i + 1} leaves the fence: the boat may stand before it and not go round; put "
         "waypoints on the way round"
-        for i, (start, end) in enumerate(pairwise(setup.pilot.mission.path.points), 1)
+        for i, (start, end) in enumerate(pairwise(path.points), 1)
         if fence.is_crossed(start, end)
     ]
-    path = setup.pilot.mission.path
     texts += [
         f"waypoint {i}: its acceptance radius of {w.acceptance_m:g} m reaches back to the waypoint before it, "
         f"{leg_m:.1f} m away: it counts as passed there"

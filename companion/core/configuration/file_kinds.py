@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 import tomllib
 from collections.abc import Mapping
@@ -10,6 +11,7 @@ RUN, VESSEL, SITE = "a run file", "a vessel file", "a site file"
 MISSION, EXCITATION, CAMPAIGN = "a mission", "an excitation file", "a campaign file"
 MCAP, BINARY = "an MCAP log", "binary data"
 UTF16 = "text in UTF-16, not in UTF-8 (as PowerShell's `>` writes it)"
+UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 EXAMPLES = {
     RUN: "deploy/aritra.toml",
     VESSEL: "deploy/boats/aritra.toml",
@@ -42,8 +44,7 @@ _BEGINS = {
     b"QGC WPL": MISSION,
     b"<!doctype html": "an HTML page",
     b"<html": "an HTML page",
-    b"\xff\xfe": UTF16,
-    b"\xfe\xff": UTF16,
+    **dict.fromkeys(UTF16_MARKS, UTF16),
 }
 _JSON = {rb'"fileType"\s*:\s*"Plan"': MISSION, rb'"type"\s*:\s*"Feature': "a GeoJSON file"}
 

@@ -147,9 +147,7 @@ the mast of a model boat. Assumed."""
 def _place_problems(vessel: VesselFile) -> Iterator[str]:
     """Places far beyond the hull: centimetres for metres, which move the boat on the map by as much."""
     tables = {"inertia": vessel.inertia, **dict(_controls(vessel))}
-    tables |= {
-        f"sensors.{key}": table for key in ("imu", "uwb", "gnss", "dvl") if (table := getattr(vessel.sensors, key))
-    }
+    tables |= {f"sensors.{key}": getattr(vessel.sensors, key) for key in vessel.sensors.__struct_fields__}
     hull = vessel.hull
     most_m = max(FARTHEST_M, FARTHEST_PLACE * max(hull.length_m, hull.beam_m))
     for at, table in tables.items():

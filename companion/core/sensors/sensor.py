@@ -92,6 +92,14 @@ class PositionWords(NamedTuple):
     readings: str
     counts_Hz: float = 2.0
 
+    def weight(self, rate_Hz: float) -> float:
+        """What one contradiction counts, of a sensor that measures so often: neighbouring ones share their errors."""
+        return min(1.0, self.counts_Hz / rate_Hz)
+
+
+POSITION_INNOVATIONS = "range", "position"
+"""What the names of innovations of such a sensor begin with."""
+
 
 class SensorCheck(NamedTuple):
     """A row of the pre-flight table (`preflight.rows.Row`), without its area."""

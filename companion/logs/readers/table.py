@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 import polars as pl
 
+from companion.core.configuration.file_kinds import UTF16_MARKS
 from companion.logs.runs.columns import column_error
 from companion.logs.runs.outliers import blanked_where, without_outliers
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta, check
@@ -96,7 +97,7 @@ def csv_lines(path: Path) -> list[bytes]:
             raise RunError(f"{path}: unpacks to more than {most / 1e6:.4g} MB, 100 times its size: unpack it yourself")
     else:
         data = path.read_bytes()
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+    if data.startswith(UTF16_MARKS):
         raise RunError(f"{path}: is UTF-16 text: save it as UTF-8, which spreadsheets call CSV UTF-8")
     lines = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").rstrip(b"\n").split(b"\n")
     return lines

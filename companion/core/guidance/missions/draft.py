@@ -102,9 +102,8 @@ class Draft:
         north, east = site_from_geodetic(self.origin, latitude, longitude)
         away = math.hypot(north, east)
         if away > FARTHEST_M:
-            remedy = "plan it there, or set lat_deg, lon_deg of the site file" + self._hint_if_swapped(
-                latitude, longitude
-            )
+            swapped = self._hint_if_swapped(latitude, longitude)
+            remedy = f"plan it there, or set lat_deg, lon_deg of the site file{swapped}"
             away_km = f"{away / 1000:.1f} km"
             self.error(place, f"is {away_km} from the site's origin, farther than {FARTHEST_M:g} m: {remedy}")
             return None

@@ -32,7 +32,7 @@ from companion.core.model.actuators.propulsion import ActuatorSet
 from companion.core.model.manoeuvring import coefficients, damping_force
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 from companion.core.pilot.trust.verdict import Finding, is_forgotten
-from companion.core.sensors.sensor import PositionWords
+from companion.core.sensors.sensor import POSITION_INNOVATIONS, PositionWords
 from companion.core.sensors.table import position_kind
 
 BEGINS_NS = 3_000_000_000
@@ -111,7 +111,7 @@ class MotionMonitor(Monitor[MotionState]):
     def __init__(self, vessel: VesselFile):
         kind, rate_Hz = position_kind(vessel.sensors), vessel.sensors.position.rate_Hz
         self._words, self._has_anchors = kind.words, vessel.sensors.uwb is not None
-        self._weight = min(1.0, kind.words.counts_Hz / rate_Hz)
+        self._weight = kind.words.weight(rate_Hz)
         along_each = np.diag([FLOW_M_S, FLOW_M_S, TURN_RAD_S])
         flow = [float(damping_force(coefficients(vessel), nu)[axis]) for axis, nu in enumerate(along_each)]
         actuators = ActuatorSet.of(vessel)
@@ -125,7 +125,7 @@ class MotionMonitor(Monitor[MotionState]):
         if isinstance(message, OperatorCommand):
             anew = replace(self.initial, doubted=state.doubted)
             return (anew if is_forgotten(state.findings, message) else state), NOTHING
-        if not message.sensor.startswith(("range", "position")):
+        if not message.sensor.startswith(POSITION_INNOVATIONS):
             return state, NOTHING
         if message.sensor in state.cycle.d2:
             state = self._counted(state)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import Alert, Innovation
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
+from companion.core.sensors.sensor import POSITION_INNOVATIONS
 from companion.core.sensors.table import position_kind
 
 SOUND_SHARE, BAD_SHARE = 0.1, 0.35
@@ -39,11 +40,11 @@ class RejectedRangesMonitor(Monitor[RejectionState]):
 
     def __init__(self, vessel: VesselFile):
         self._words = position_kind(vessel.sensors).words
-        self._weight = min(1.0, self._words.counts_Hz / vessel.sensors.position.rate_Hz)
+        self._weight = self._words.weight(vessel.sensors.position.rate_Hz)
 
     def on_message(self, state: RejectionState, message: Innovation, t_ns: int) -> tuple[RejectionState, MonitorReport]:
         """One innovation of a range or coordinate."""
-        if not message.sensor.startswith(("range", "position")):
+        if not message.sensor.startswith(POSITION_INNOVATIONS):
             return state, NOTHING
         ratio = ACCEPTED if message.accepted else REJECTED
         total = min(max(0.0, state.sum + self._weight * ratio), 2 * LIMIT)

@@ -1,7 +1,8 @@
 """Flying an excitation: which forces now, given the estimated pose. Pure; never outside the pen.
 
     home --within return_m of the middle--> fly --segment over--> home --> ... --> done
-    fly --could not be stopped within the margin any more--> home, then the rest of the same segment
+    fly --could not be stopped within the margin any more--> home, until there is room again, then its rest
+    home --no room to fly: margin, and what the position may be off--> home
     home --a fence of the mission stands between the boat and the middle--> failed
     without `homing`: no forces at home, which is wherever the boat is; too near to the fence: failed
     any --called again after a break--> home;    home --for longer than HOME_LIMIT_S--> failed
@@ -92,6 +93,7 @@ class Flight:
         self.excitation, self.pen, self._period_s = excitation, Pen(site, others), period_s
         self._gap_s, self._reaction_s = max(GAP_S, GAP_TICKS * period_s), REACTION_S + max(period_s - PERIOD_S, 0.0)
         self.pen.check(excitation.margin_m, excitation.return_m, name=name)
+        self._most_room_m = float(self.pen.clearance(self.pen.middle[None])[0])
         self.signals = signals(excitation, vessel, name=name)
         self._vessel, self._M, self._limits = vessel, np.diag(mass_matrix(vessel)), force_limits(vessel)
         self._axes, self._B = axis_reach(vessel), configuration_matrix(vessel)
@@ -154,8 +156,7 @@ class Flight:
             if after.segment < len(self.signals) and (self._is_near(eta) or not self.excitation.homing):
                 return self._begin(after, eta)
             return after, ""
-        room = self.room_m(eta, nu, np.array(state.f_n)) - spread_m
-        if room < self.excitation.margin_m:
+        if (room := self._room_to_spare_m(state, eta, nu, spread_m)) < self.excitation.margin_m:
             title = self.title(state.segment)
             if not self.excitation.homing:
                 return replace(
@@ -171,19 +172,31 @@ class Flight:
 
     def _go_home(self, state: FlightState, eta: np.ndarray, nu: np.ndarray, spread_m: float) -> tuple[FlightState, str]:
         if state.home_s > HOME_LIMIT_S:
-            text = f"excitation ended: not back at the middle after {HOME_LIMIT_S:g} s"
-            return replace(state, phase="failed"), text
+            what = "not back at the middle" if not self._is_near(eta) else "at the middle no rest, or no room to fly,"
+            return replace(state, phase="failed"), f"excitation ended: {what} after {HOME_LIMIT_S:g} s"
         if self.excitation.homing and not self._is_near(eta):
             if self.pen.way_back(eta[:2]) <= spread_m:
                 north, east = self.pen.middle
                 text = f"a fence of the mission is on the way to the middle (north {north:.1f}, east {east:.1f} m)"
                 return replace(state, phase="failed"), f"excitation ended: {text}: bring the boat past it"
             return state, ""
+        if not self._is_ready(state, eta, nu, spread_m):
+            return state, ""
         if state.segment < len(self.signals):
             return self._begin(state, eta)
-        if self.excitation.homing and np.hypot(nu[0], nu[1]) > REST_M_S:
-            return state, ""
         return replace(state, phase="done"), "excitation done"
+
+    def _is_ready(self, state: FlightState, eta: np.ndarray, nu: np.ndarray, spread_m: float) -> bool:
+        """Whether a boat near the middle may fly what is next, or be done."""
+        if not self.excitation.homing:
+            return True
+        if state.segment >= len(self.signals):
+            return bool(np.hypot(nu[0], nu[1]) <= REST_M_S)
+        least = self.excitation.margin_m
+        # Whoever turned back goes on with half the room of the middle: with less, every other tick would fly outwards.
+        if state.elapsed_s > 0.0:
+            least = max(least, 0.5 * (least + self._most_room_m - spread_m))
+        return self._room_to_spare_m(state, eta, nu, spread_m) >= least
 
     def _begin(self, state: FlightState, eta: np.ndarray) -> tuple[FlightState, str]:
         verb = f"goes on at {state.elapsed_s:.1f} s" if state.elapsed_s else "begins"
@@ -193,6 +206,9 @@ class Flight:
     def title(self, segment: int) -> str:
         """Description of a segment."""
         return f"segment {segment + 1} of {len(self.signals)}, {self.excitation.segments[segment].name},"
+
+    def _room_to_spare_m(self, state: FlightState, eta: np.ndarray, nu: np.ndarray, spread_m: float) -> float:
+        return self.room_m(eta, nu, np.array(state.f_n)) - spread_m
 
     def room_m(self, eta: np.ndarray, nu: np.ndarray, f_n: np.ndarray) -> float:
         """Clearance [m] that is left when the boat, now under forces `f_n`, is stopped; also on its way, and of the

@@ -114,6 +114,14 @@ def test_turning_back_is_told_and_the_segment_goes_on_where_it_was_left():
     assert flight.notes[-1] == "excitation done" and np.hypot(*flight.x[-1, 3:5]) < 0.1
 
 
+@pytest.mark.parametrize(("side_m", "X"), [(9.4, 1.0), (10.0, 1.0), (9.4, 0.6)])
+def test_it_stays_inside_a_fence_hardly_larger_than_what_is_near_the_middle(side_m, X):
+    middle = (side_m / 2, side_m / 2, 0.0)
+    flight = flown(of(Steps(name="run", X=X, hold_s=8.0)), site=square(side_m), eta=middle, limit_s=100.0)
+    assert any("turned back" in note for note in flight.notes) and flight.clearance_m > 1.5 - 0.1
+    assert flight.statuses[-1].phase == "done", "flown to its end in parts"
+
+
 @pytest.mark.parametrize("name", ["aritra", "twin"])
 @pytest.mark.parametrize("eta", [(4.0, 4.0, 0.0), (26.0, 15.0, 1.5), (15.0, 3.0, 3.0)])
 def test_from_anywhere_it_goes_to_the_middle_first(name, eta):
@@ -160,6 +168,18 @@ def test_who_cannot_come_home_gives_up_in_neutral():
         if note:
             break
     assert state.phase == "failed" and "not back at the middle" in note and not f.any() and flight.is_over(state)
+
+
+def test_where_the_position_may_be_off_by_more_than_there_is_room_nothing_is_flown():
+    """Two sigmas of 3.6 m, as of plain GNSS, in a square of 10 m."""
+    excitation = of(Steps(name="run", X=1.0, hold_s=8.0))
+    flight, state, notes = Flight(excitation, boat("aritra"), square(10.0), name="x"), BEGINNING, []
+    while not flight.is_over(state) and len(notes) < round(HOME_LIMIT_S * 10) + 5:
+        t_ns = len(notes) * 100_000_000
+        state, f, note = flight.step(state, np.array([5.0, 5.0, 0.0]), np.zeros(3), t_ns, spread_m=3.6)
+        assert np.abs(f).max() < 1e-6
+        notes.append(note)
+    assert [n for n in notes if n] == ["excitation ended: at the middle no rest, or no room to fly, after 90 s"]
 
 
 def test_after_a_break_it_finds_its_way_back_first():

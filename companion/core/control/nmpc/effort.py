@@ -16,24 +16,26 @@ import casadi as ca
 import numpy as np
 
 from companion.core.control.allocation import PRIORITY
-from companion.core.control.nmpc.settings import NmpcSettings
+from companion.core.control.nmpc.settings import Actuation, NmpcSettings
 from companion.core.guidance.reference_row import Column as ref
 from companion.core.model.actuators.channel import EQUAL_CHANGE
 from companion.core.model.actuators.propulsion import ActuatorSet
 from companion.core.model.integrate import FORCES, VesselModel
 
 
-def control_residual(s: NmpcSettings, model: VesselModel, able: np.ndarray, x: Any, c: Any, row: Any, d: Any) -> Any:
-    """Weighted residuals of the command c (n,) in state x. `able` (n,): 0 where a thruster is dead."""
+def control_residual(
+    s: NmpcSettings, model: VesselModel, actuation: Actuation, x: Any, c: Any, row: Any, d: Any
+) -> Any:
+    """Weighted residuals of the command c (n,) in state x; forces over the `strength` of the thrusters."""
     if model.actuators is not None:
-        return _steered_residual(s, model, model.actuators, able, x, c, row, d)
-    B = model.B * able
+        return _steered_residual(s, model, model.actuators, actuation, x, c, row, d)
+    B = model.B * actuation.able
     n = B.shape[1]
     projector = ca.DM(np.eye(n) - np.linalg.pinv(B) @ B)
     return ca.vertcat(
-        np.sqrt(s.effort) * (c - steady_force(model, B, row, d)),
-        np.sqrt(s.null_space) * ca.mtimes(projector, c),
-        np.sqrt(s.rate) * (c - x[FORCES]),
+        np.sqrt(s.effort) / actuation.strength * (c - steady_force(model, B, row, d)),
+        np.sqrt(s.null_space) / actuation.strength * ca.mtimes(projector, c),
+        np.sqrt(s.rate) / actuation.strength * (c - x[FORCES]),
     )
 
 
@@ -68,15 +70,15 @@ def _reference(row: Any) -> tuple[Any, Any]:
 
 
 def _steered_residual(
-    s: NmpcSettings, model: VesselModel, actuators: ActuatorSet, able: np.ndarray, x: Any, c: Any, row: Any, d: Any
+    s: NmpcSettings, model: VesselModel, actuators: ActuatorSet, actuation: Actuation, x: Any, c: Any, row: Any, d: Any
 ) -> Any:
-    D = actuators.directions * np.array([able[place] for place in actuators.thrust_places])
+    D = actuators.directions * np.array([actuation.able[place] for place in actuators.thrust_places])
     D_plus = np.linalg.pinv(PRIORITY[:, None] * D) * PRIORITY
     e = actuators.components(_reference(row)[1], c)
     against = np.eye(D.shape[1]) - D_plus @ D
-    scale = np.array([EQUAL_CHANGE["N"] / EQUAL_CHANGE[channel.unit] for channel in actuators.channels])
+    strength, scale = actuation.strength, EQUAL_CHANGE["N"] / actuation.equal_change
     return ca.vertcat(
-        np.sqrt(s.effort) * (e - ca.mtimes(ca.DM(D_plus), steady_tau(model, row, d))),
-        np.sqrt(s.null_space) * ca.mtimes(ca.sparsify(ca.DM(against), 1e-9), e),
+        np.sqrt(s.effort) / strength * (e - ca.mtimes(ca.DM(D_plus), steady_tau(model, row, d))),
+        np.sqrt(s.null_space) / strength * ca.mtimes(ca.sparsify(ca.DM(against), 1e-9), e),
         np.sqrt(s.rate) * scale * (c - x[FORCES]),
     )

@@ -60,15 +60,15 @@ class NmpcProblem:
 
 
 def _stage_functions(
-    model: VesselModel, able: np.ndarray, s: NmpcSettings, levels: Sequence[Level]
+    model: VesselModel, actuation: Actuation, s: NmpcSettings, levels: Sequence[Level]
 ) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """(x, c, row, d) -> linearised stage; the same without derivatives; last state. `able` (n,): 0 where dead."""
+    """(x, c, row, d) -> linearised stage; the same without derivatives; last state."""
     n = model.B.shape[1]
     x, c = ca.SX.sym("x", 6 + n), ca.SX.sym("c", n)
     row, d = ca.SX.sym("row", len(COLUMNS)), ca.SX.sym("d", 3)
     z = ca.vertcat(x, c)
     x_next = ca.cse(advance(model, x, c, d, s.step_s))
-    residual = ca.vertcat(state_residual(s, x, row, levels), control_residual(s, model, able, x, c, row, d))
+    residual = ca.vertcat(state_residual(s, x, row, levels), control_residual(s, model, actuation, x, c, row, d))
     J = ca.jacobian(residual, z)
     linear = ca.Function(
         "stage",
@@ -90,8 +90,7 @@ def build(model: VesselModel, actuation: Actuation, settings: NmpcSettings, fenc
     """Build the functions for one model, its limits, settings and fence."""
     N, nu = settings.stages, model.B.shape[1]
     nx = 6 + nu
-    able = actuation.force_min_n < actuation.force_max_n
-    linear, plain, terminal = _stage_functions(model, able, settings, fence.levels(ca.fmin) if fence else ())
+    linear, plain, terminal = _stage_functions(model, actuation, settings, fence.levels(ca.fmin) if fence else ())
     w = ca.MX.sym("w", N * (nx + nu) + nx)
     rows, d = ca.MX.sym("rows", len(COLUMNS), N + 1), ca.MX.sym("d", 3)
     Z, x_N = ca.reshape(w[: N * (nx + nu)], nx + nu, N), w[N * (nx + nu) :]

@@ -17,12 +17,11 @@ from companion.core.model.integrate import FORCES, VesselModel
 def production(model: VesselModel, actuation: Actuation, s: NmpcSettings, fence: Fence | None = None) -> Ocp:
     """Symbols: x (6 + n,), c (n,), p = row of the reference (8,), q = disturbance (3,)."""
     n = model.B.shape[1]
-    able = actuation.force_min_n < actuation.force_max_n
     levels = fence.levels(ca.fmin) if fence else ()
     x, c = ca.SX.sym("x", 6 + n), ca.SX.sym("c", n)
     row, d = ca.SX.sym("row", len(COLUMNS)), ca.SX.sym("d", 3)
     following = ca.cse(advance(model, x, c, d, s.step_s))
-    controls = control_residual(s, model, able, x, c, row, d)
+    controls = control_residual(s, model, actuation, x, c, row, d)
     return Ocp(
         s.stages, x, c, row, d,
         following=following,

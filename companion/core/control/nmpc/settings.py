@@ -20,7 +20,7 @@ import numpy as np
 
 from companion.core.configuration.tables import NonNegative, Positive, Table
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.model.actuators.channel import EQUAL_CHANGE
+from companion.core.model.actuators.channel import EQUAL_CHANGE, EQUAL_UP_TO_N
 from companion.core.model.actuators.propulsion import channels_of, common, control_limits
 
 Count = Annotated[int, msgspec.Meta(ge=1, le=200)]
@@ -47,7 +47,7 @@ class NmpcSettings(Table, frozen=True, kw_only=True):
     yaw_rate: NonNegative = 3.0
     """s^2/rad^2."""
     effort: NonNegative = 2e-4
-    """1/N^2 on c - c_ss."""
+    """1/N^2 on c - c_ss; this and the next two of thrusters up to 38 N; of stronger ones over `strength`^2."""
     null_space: NonNegative = 2e-2
     """1/N^2: thrusters that push against each other waste power and chatter."""
     rate: NonNegative = 1e-2
@@ -101,4 +101,16 @@ class Actuation:
         """Limits from a vessel file. The plan stays within what the actuators can do, so the lag is exact."""
         channels = channels_of(vessel)
         rates = common([min(c.rate, c.slew or c.rate) for c in channels])
-        return cls(*control_limits(vessel), rates, common([EQUAL_CHANGE[c.unit] for c in channels]))
+        strength = max(1.0, max(c.upper for c in channels if c.unit == "N") / EQUAL_UP_TO_N)
+        changes = [EQUAL_CHANGE[c.unit] * (strength if c.unit == "N" else 1.0) for c in channels]
+        return cls(*control_limits(vessel), rates, common(changes))
+
+    @property
+    def able(self) -> np.ndarray:
+        """Whether each works, (n,): not where its limits are equal."""
+        return np.asarray(self.force_min_n < self.force_max_n)
+
+    @property
+    def strength(self) -> float:
+        """Full thrust over that for which the weights were chosen; 1 where it is less."""
+        return float(np.max(self.equal_change)) / EQUAL_CHANGE["N"]

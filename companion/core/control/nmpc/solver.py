@@ -30,7 +30,7 @@ from companion.core.messages import PlanResult, SolveRequest
 from companion.core.model.integrate import FORCES, VesselModel
 
 BOUND_TOLERANCE = 1e-6
-"""[N] by which a planned command may exceed a limit before it is clipped; more is a failure."""
+"""[N] by which a planned command may exceed a limit before it is clipped, times `strength`; more is a failure."""
 
 
 class PlanQuery(NamedTuple):
@@ -61,6 +61,7 @@ class Nmpc:
         kernel = settings.method != "hpipm"
         self._real_time = RealTimeSolver(self.problem, model, actuation, fence, compiler) if kernel else None
         self._rescue = ca.nlpsol("rescue", "ipopt", self.problem.nlp, ipopt_options(settings))
+        self._bound_tolerance = BOUND_TOLERANCE * actuation.strength
         self._scale = np.concatenate([np.ones(6), np.full(self.problem.nu, actuation.equal_change)])
 
     def solve(self, request: SolveRequest, warm: WarmStart | None) -> tuple[PlanResult, WarmStart | None]:
@@ -87,7 +88,7 @@ class Nmpc:
         steps, tolerance = 0, self.problem.settings.defect_tolerance
         if self._real_time:
             info, steps = self._real_time.warm(warm, request.t_ns, query.x0, query.rows, query.d)
-            if info.sane and info.settled and info.defect <= tolerance and info.excess <= BOUND_TOLERANCE:
+            if info.sane and info.settled and info.defect <= tolerance and info.excess <= self._bound_tolerance:
                 return self._real_time.solution(info), "", steps
         first = shifted(self.problem, warm, request.t_ns, query.x0)
         if first is None:
@@ -102,7 +103,7 @@ class Nmpc:
         steps = 0
         if self._real_time:
             solution, steps = self._real_time.cold(query.x0, query.f_prev, query.rows, query.d)
-            if solution is not None and solution.excess <= BOUND_TOLERANCE:
+            if solution is not None and solution.excess <= self._bound_tolerance:
                 return solution, steps
         step, more = self._solve_by_ipopt(query)
         return self._solution(step) if step else None, steps + more
@@ -183,7 +184,7 @@ class Nmpc:
         """Status of the plan by its residuals; the result and the next warm start."""
         x, c, defect = solution.x, solution.c, solution.defect
         x[0] = query.x0
-        if not (np.isfinite(solution.cost) and np.isfinite(x).all()) or not solution.excess <= BOUND_TOLERANCE:
+        if not (np.isfinite(solution.cost) and np.isfinite(x).all()) or not solution.excess <= self._bound_tolerance:
             return self._failed(request, f"{reason}; limits exceeded by {solution.excess:.3g} N", started, steps)
         c = np.clip(c, self._actuation.force_min_n, self._actuation.force_max_n)
         ok = defect <= self.problem.settings.defect_tolerance

@@ -24,7 +24,10 @@ from companion.core.constants import NEUTRAL_US
 from companion.core.model.thrusters import SPAN_US, force_from_pwm, force_reach, pwm_from_force, steady_force
 
 EQUAL_CHANGE: dict[str, float] = {"N": 10.0, "rad": 1.0}
-"""Changes of a command that count alike, by unit; assumed: 1 m, 1 rad, 1 m/s or 1 rad/s of the boat is as much."""
+"""Changes of a command that count alike, by unit; assumed: 1 m, 1 rad, 1 m/s or 1 rad/s of the boat is as much. Of
+thrusters up to `EQUAL_UP_TO_N`; of stronger ones the same share of full thrust."""
+EQUAL_UP_TO_N = 38.0
+"""Full thrust of the example boats' T200, for which `EQUAL_CHANGE` and the weights of the NMPC were chosen."""
 
 
 @dataclass(frozen=True)

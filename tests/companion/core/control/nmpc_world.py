@@ -46,14 +46,13 @@ def variant(thrusters: int) -> VesselFile:
 @lru_cache
 def controller(thrusters: int = 4, settings: NmpcSettings | None = None) -> Nmpc:
     """The production NMPC; shared by the tests of a session, as it keeps nothing between solves."""
-    vessel = variant(thrusters)
-    return Nmpc(
-        StructuredModel.of(vessel),
-        Actuation.of(vessel),
-        settings or NmpcSettings(),
-        time.perf_counter,
-        compiler=compile_loops,
-    )
+    return controller_of(variant(thrusters), settings or NmpcSettings())
+
+
+def controller_of(vessel: VesselFile, settings: NmpcSettings) -> Nmpc:
+    """The same of any boat."""
+    model, actuation = StructuredModel.of(vessel), Actuation.of(vessel)
+    return Nmpc(model, actuation, settings, time.perf_counter, compiler=compile_loops)
 
 
 def request(x0, rows, *, d=(0.0, 0.0, 0.0), f_prev=None, tick: int = 0) -> SolveRequest:
@@ -88,8 +87,8 @@ def station_rows(settings: NmpcSettings, north=0.0, east=0.0, psi=0.0) -> np.nda
 class Loop:
     """Closed loop at 10 Hz with state and disturbance known, without dead time: what the NMPC plans for."""
 
-    def __init__(self, x0, d=(0.0, 0.0, 0.0), *, thrusters: int = 4, nmpc: Nmpc | None = None):
-        vessel = variant(thrusters)
+    def __init__(self, x0, d=(0.0, 0.0, 0.0), *, thrusters: int = 4, nmpc: Nmpc | None = None, vessel=None):
+        vessel = vessel or variant(thrusters)
         self.nmpc = nmpc or controller(thrusters)
         self.x, self.d = np.array(x0, dtype=float), np.array(d, dtype=float)
         self.plant = BufferedStep(step_function(StructuredModel.of(vessel), TICK_S, 4))

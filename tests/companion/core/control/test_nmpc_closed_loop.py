@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from companion.core.control.nmpc import NmpcSettings, WarmStart
-from tests.companion.core.control.nmpc_world import Loop, controller, leg_rows, request, station_rows
+from companion.core.model.first_vessel import Answers, first_vessel
+from tests.companion.core.control.nmpc_world import Loop, controller, controller_of, leg_rows, request, station_rows
 
 S = NmpcSettings()
 
@@ -59,6 +60,18 @@ def test_other_boats_follow_the_leg_too(thrusters):
     start = at(east=1.0, psi=0.5, thrusters=thrusters)
     loop = Loop(start, thrusters=thrusters).run(30, lambda x: leg_rows(x, S))
     assert abs(loop.x[1]) < 0.01 and loop.x[3] == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("length_m", "beam_m", "force_N"), [pytest.param(5.0, 1.6, 400.0, marks=pytest.mark.long), (10.0, 3.0, 3000.0)]
+)
+def test_large_boats_with_strong_thrusters_follow_the_leg_too(length_m, beam_m, force_N):
+    """1 m off and turned away: with weights on newtons as of a T200 they wandered by metres."""
+    vessel = first_vessel(Answers(length_m, beam_m, None, "x", force_N, "gnss"), "large", None)
+    loop = Loop(at(east=1.0, psi=0.3), nmpc=controller_of(vessel, S), vessel=vessel).run(60, lambda x: leg_rows(x, S))
+    end = np.array(loop.states[-200:])
+    assert np.abs(end[:, 1]).max() < 0.05 and np.abs(end[:, 2]).max() < np.deg2rad(2.0)
+    assert end[-1, 3] == pytest.approx(0.5, abs=0.02)
 
 
 def test_thrusters_do_not_work_against_each_other():

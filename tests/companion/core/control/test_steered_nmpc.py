@@ -70,9 +70,10 @@ def test_repeated_it_ends_where_ipopt_ends_and_keeps_to_its_limits(name, compile
 
 @pytest.mark.parametrize(("name", "columns"), [("rudder", {0: 1.0, 1: 10.0}), ("azimuth", {0: 1.0, 3: 10.0})])
 def test_a_change_of_one_radian_costs_like_one_of_ten_newtons(name, columns):
-    n, model = len(boat(name).controls), StructuredModel.of(boat(name))
+    vessel = boat(name)
+    n, model = len(vessel.controls), StructuredModel.of(vessel)
     x, c, row, d = ca.SX.sym("x", 6 + n), ca.SX.sym("c", n), ca.SX.sym("row", len(COLUMNS)), ca.SX.sym("d", 3)
-    r = control_residual(S, model, np.ones(n, dtype=bool), x, c, row, d)
+    r = control_residual(S, model, Actuation.of(vessel), x, c, row, d)
     by_f = np.array(ca.DM(ca.Function("by", [x, c, row, d], [ca.jacobian(r, x)])(0, 0, 0, 0)))[:, 6:]
     for channel, scale in columns.items():
         assert np.linalg.norm(by_f[:, channel]) == pytest.approx(np.sqrt(S.rate) * scale)

@@ -87,6 +87,7 @@ class Control(Table, frozen=True, kw_only=True):
     """Timing of the control loop [s].
 
     One override a tick: after 0.5 s without one the autopilot sees a lost radio (FS_THR_ENABLE) and refuses to arm.
+    `period_s`: of a tick; the tests of trust count ticks, and waves look like faults to them at 50 a second.
     A plan that is not there `plan_deadline_s` after its tick is replaced by the next step of the fallback
     ladder. `lease_s`: how long a lease is meant to hold. `latency_s`: from an override to the autopilot's output.
     `blind_s`: how long the boat goes on with a degraded estimate (no UWB, no IMU) before it stops; assumed.
@@ -95,7 +96,7 @@ class Control(Table, frozen=True, kw_only=True):
     channel 3 that says nothing for a radio failure, and its gate stays shut.
     """
 
-    period_s: Annotated[float, msgspec.Meta(ge=0.02, le=0.4)] = 0.1
+    period_s: Annotated[float, msgspec.Meta(ge=0.05, le=0.4)] = 0.1
     plan_deadline_s: Annotated[float, msgspec.Meta(ge=0.001, le=1.0)] = 0.05
     lease_s: Annotated[float, msgspec.Meta(gt=0, le=5.0)] = 0.3
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1.0)] = 0.015

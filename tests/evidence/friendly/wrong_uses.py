@@ -63,7 +63,7 @@ WRONG_USES = (
     ("demo --out {d}/picture.png", "picture.png|is a file; name a folder"),
     ("run --config {d}/url.toml", "url.toml|mavlink.url|udpin:HOST:PORT"),
     ("run --config {d}/baud.toml", "baud.toml|uwb.url|'fast'|such as 115200"),
-    ("run --config {d}/period.toml", "period.toml|control.period_s|0.02 to 1"),
+    ("run --config {d}/period.toml", "period.toml|control.period_s|0.05 to 0.4"),
     ("run --config {d}/string.toml", "string.toml|battery.low_V|expected a number"),
     ("run --config {d}/quota.toml", "quota.toml|log.quota_MB|expected 0.001 to"),
     ("run --mission {d}/outside.toml", "outside.toml|waypoint 2|beyond the fence: move it"),

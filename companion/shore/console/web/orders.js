@@ -116,6 +116,7 @@ export class OrderDesk {
     question.hidden = false;
     this.asking = document.activeElement;
     this.gone = gone;
+    yes.addEventListener("keydown", (event) => event.repeat && event.preventDefault()); // the key that asked is still down
     yes.addEventListener("click", () => {
       this.dismiss();
       act();

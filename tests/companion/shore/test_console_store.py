@@ -249,6 +249,7 @@ def test_origins(origin, needed, good):
 
 def test_tokens():
     assert GUARD.knows("sesame-12") and not GUARD.knows("sesame-1") and not GUARD.knows(None) and not GUARD.knows("é")
+    assert not GUARD.knows("\udcff"), "a byte of a cookie that is no UTF-8, as aiohttp hands it over"
     assert RequestAuth(frozenset(), None).knows(None)
     assert [is_loopback(h) for h in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "192.168.1.2", "boat")] == [
         True, True, True, False, False, False

@@ -74,7 +74,7 @@ def test_a_boat_of_another_site_is_drawn_where_it_is_in_the_axes_of_the_map_or_n
 
 
 def test_a_key_that_is_held_down_answers_no_question(console, browser):
-    """Enter on Start asks, with the focus on Yes; its own repetition a half second later said yes."""
+    """Enter on Start asks, with the focus on Yes; its own repetition a half second later said yes. F9 is one STOP."""
     page, sent = by_hand(browser, console), []
     page.page.evaluate(TELL)
     page.page.evaluate("tell('anna', 5e6)")
@@ -89,6 +89,13 @@ def test_a_key_that_is_held_down_answers_no_question(console, browser):
     page.page.keyboard.press("Enter")
     page.wait("document.querySelector('#answers li')")
     assert len(sent) == 1
+    stops = []
+    page.page.route("**/stop", lambda route: stops.append(route.request) or route.fulfill(json=[]))
+    for _ in range(3):
+        page.page.keyboard.down("F9")
+    page.page.keyboard.up("F9")
+    page.page.wait_for_timeout(200)
+    assert len(stops) == 1
     page.context.close()
 
 

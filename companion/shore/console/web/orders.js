@@ -31,7 +31,7 @@ export class OrderDesk {
     load.addEventListener("click", () => file.click());
     file.addEventListener("change", () => this.load());
     document.addEventListener("keydown", (event) => {
-      if (event.key === "F9") this.stopOrSayWhyNot();
+      if (event.key === "F9") event.repeat || this.stopOrSayWhyNot();
       else if (event.key === "Escape") this.dismiss();
       else return;
       event.preventDefault();

@@ -9,8 +9,9 @@ Where the boat has a key, the attachment of the one and of the other is
 Against replays an order names the run of the boat's program, an instant on **the boat's own clock** (nobody's wall
 clock has to be right), its sender's session and a counter that only goes up. Believed is what is signed, of this run,
 newer than the session's last, and at most 5 s old. A stop may be a minute old, for late by a bad radio it is still
-right to stop, and older than another order of its session. Who repeats an order word for word, because no answer
-came, gets the same answer again, and nothing is done twice.
+right to stop, and older than another order of its session; an order to drive that was made out before a stop that the
+boat has taken, by whomever, is refused. Who repeats an order word for word, because no answer came, gets the same
+answer again, and nothing is done twice.
 
 Every answer tells run and clock, to `hello` and to what is refused as well. Signed, and to this very order, it cannot
 be made up or kept from before: so a sender whose idea of run or clock is wrong, by a lost radio or by a stranger's
@@ -46,7 +47,8 @@ Code = Literal[
     "busy", "bad_mission", "not_now",
 ]  # fmt: skip
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9_.@ -]+\Z")]
-Instant = Annotated[int, msgspec.Meta(ge=0, le=(1 << 63) - 1)]
+LATEST_NS = (1 << 63) - 1
+Instant = Annotated[int, msgspec.Meta(ge=0, le=LATEST_NS)]
 
 
 class MissionFile(msgspec.Struct, frozen=True, kw_only=True):
@@ -146,6 +148,7 @@ class OrderGate:
         self.boat, self.run, self._key = boat, run, key
         self._sessions: dict[str, _Session] = {}
         self._stops: dict[bytes, int] = {}
+        self._stopped_ns = 0
         self._decoder = msgspec.json.Decoder(Order)
 
     @property
@@ -184,6 +187,8 @@ class OrderGate:
         age_s, window_s = (now_ns - order.t_ns) * 1e-9, STOP_WINDOW_S if order.command == "stop" else WINDOW_S
         if not -AHEAD_S <= age_s <= window_s:
             raise OrderRefused("late", f"{age_s:.1f} s old by the boat's clock, at most {window_s:g} s are believed")
+        if order.t_ns < self._stopped_ns and order.command in ("start", "hold", "manual"):
+            raise OrderRefused("late", "given before a STOP that the boat has: give it again if it is still wanted")
         self._remember(order, digest, now_ns)
         return order
 
@@ -213,6 +218,7 @@ class OrderGate:
         keep_ns = round((STOP_WINDOW_S + AHEAD_S) * 1e9)
         self._sessions = {name: s for name, s in self._sessions.items() if now_ns - s.seen_ns <= keep_ns}
         if order.command == "stop":
+            self._stopped_ns = max(self._stopped_ns, order.t_ns)
             self._stops = {d: t_ns for d, t_ns in self._stops.items() if now_ns - t_ns <= keep_ns}
             if len(self._stops) < STOPS:
                 self._stops[digest] = now_ns

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import msgspec
 
 from companion.core.telemetry.order_gate import (
+    LATEST_NS,
     MissionFile,
     Order,
     OrderOutcome,
@@ -60,6 +61,11 @@ NOWHERE = Place("", 0)
 """Of a boat of which nothing was heard: the order is refused, and the refusal says run and clock."""
 
 
+def _instant(place: Place) -> int:
+    """As an order may carry it: telemetry, which is not signed, may say anything."""
+    return min(max(place.t_ns, 0), LATEST_NS)
+
+
 class SealedOrder(NamedTuple):
     """An order as it is sent."""
 
@@ -95,7 +101,7 @@ class Sender:
         self._counter += 1
         order = Order(
             run=at.run,
-            t_ns=max(at.t_ns, 0),
+            t_ns=_instant(at),
             session=self._session,
             counter=self._counter,
             sender=self._sender,
@@ -111,7 +117,7 @@ class Sender:
         self._counter += 1
         sample = StickSample(
             run=at.run,
-            t_ns=max(at.t_ns, 0),
+            t_ns=_instant(at),
             session=self._session,
             counter=self._counter,
             held=held,

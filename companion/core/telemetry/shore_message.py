@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import msgspec
 
 VERSION = 1
+RunName = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{0,64}\Z")]
+"""It is shown to people, on terminals too, and told to boats (`Order.heard`); telemetry is anybody's."""
 
 
 class ShoreMessage(msgspec.Struct, frozen=True, kw_only=True):
     """`v`: version of the struct; `run`: names this run of the boat's program; `t_ns`: the boat's monotonic clock."""
 
     v: int = VERSION
-    run: str
+    run: RunName
     t_ns: int

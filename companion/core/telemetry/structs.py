@@ -127,8 +127,8 @@ class ThrustersNow(ShoreMessage, frozen=True, kw_only=True):
     """Topic `thrusters`, at the full rate: the lease. In the order of `About.thrusters`.
 
     `source`: rung of the fallback ladder, or excitation, or manual; `reason`: why no higher one. `output_us`: pulse
-    widths at the autopilot's first outputs as it reports them, null where its report is older than 1 s. `sent`:
-    whether the pulses went to an open port; null from boats that do not say so.
+    widths at the outputs that carry them, as the autopilot reports them, null where its report is older than 1 s.
+    `sent`: whether the pulses went to an open port; null from boats that do not say so.
     """
 
     pwm_us: tuple[int, ...]

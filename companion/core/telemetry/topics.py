@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -49,6 +50,9 @@ AGED: dict[str, tuple[type[Message], ...]] = {
 OUTPUT_FRESH_NS = 1_000_000_000
 """A report of the outputs is of now for so long: ten periods of its stream (assumed)."""
 
+SENSOR_FRESH_NS = 3_000_000_000
+"""What a sensor said of its quality is of now for so long: some periods of a slow one (assumed)."""
+
 
 class Who(NamedTuple):
     """Which run this is. `run`: its name in every struct."""
@@ -58,6 +62,17 @@ class Who(NamedTuple):
     software: str
     unix_minus_t_ns: int
     commands: bool
+
+
+class SecondOfTiming:
+    """What `timing` tells of a second: times [ms], solves by status, leases by source."""
+
+    def __init__(self) -> None:
+        self.late_ms: list[float] = []
+        self.imu_ms: list[float] = []
+        self.solve_ms: list[float] = []
+        self.solves: Counter[str] = Counter()
+        self.leases: Counter[str] = Counter()
 
 
 def about(who: Who, settings: PilotSettings, t_ns: int) -> shore.About:
@@ -123,9 +138,12 @@ def attitude(run: str, a: Attitude) -> shore.AttitudeNow:
     )
 
 
-def thrusters(run: str, lease: OverrideLease, sent: bool, output: ServoOutput | None, n: int) -> shore.ThrustersNow:
-    """The lease, whether it was `sent`, and the first `n` outputs as the autopilot has just reported them."""
-    fresh = output if output and lease.t_ns - output.t_ns <= OUTPUT_FRESH_NS else None
+def thrusters(
+    run: str, lease: OverrideLease, sent: bool, output: ServoOutput | None, numbers: Sequence[int]
+) -> shore.ThrustersNow:
+    """The lease, whether it was `sent`, and the thrusters' outputs (`numbers`, from 1) as just reported."""
+    n, fresh = len(numbers), output and lease.t_ns - output.t_ns <= OUTPUT_FRESH_NS
+    told = output.pwm_us if output and fresh and len(output.pwm_us) >= max(numbers) else None
     return shore.ThrustersNow(
         run=run,
         t_ns=lease.t_ns,
@@ -133,7 +151,7 @@ def thrusters(run: str, lease: OverrideLease, sent: bool, output: ServoOutput | 
         force_n=tuple(map(metres, lease.f_command_n[:n])),
         source=lease.source,
         reason=cut(lease.reason),
-        output_us=fresh.pwm_us[:n] if fresh else None,
+        output_us=tuple(told[number - 1] for number in numbers) if told else None,
         sent=sent,
     )
 
@@ -238,7 +256,8 @@ def links(
     aged = {**AGED, **{sensor.key: sensor.messages for sensor in sensors}}
     ages_s = {name: age_s(t_ns, [last.get(kind) for kind in kinds]) for name, kinds in aged.items()}
     latest = [(sensor, m) for sensor in sensors for kind in sensor.messages if (m := last.get(kind))]
-    figures = {sensor.label: text for sensor, m in latest if (text := sensor.figure(m))}
+    fresh = [(sensor, m) for sensor, m in latest if t_ns - m.t_ns <= SENSOR_FRESH_NS]
+    figures = {sensor.label: text for sensor, m in fresh if (text := sensor.figure(m))}
     each = tuple(LinkNow(link=m.link, state=m.state, reason=cut(m.reason)) for m in statuses)
     return shore.LinksNow(run=run, t_ns=t_ns, links=each, ages_s=ages_s, figures=figures)
 

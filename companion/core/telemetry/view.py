@@ -8,7 +8,6 @@ average: a topic that was due a little before the tick is not put off to the nex
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -29,6 +28,7 @@ from companion.core.messages import (
     ModeStatus,
     NewMission,
     OverrideLease,
+    ParamValue,
     PlanResult,
     ProcessStats,
     ServoOutput,
@@ -36,6 +36,7 @@ from companion.core.messages import (
     StateEstimate,
     UwbRanges,
 )
+from companion.core.pilot.monitors.sent_pulses import SentPulses, at_parameter, outputs_of
 from companion.core.pilot.state import PilotSettings
 from companion.core.preflight.rows import Row, worst
 from companion.core.sensors.table import AIDING, sensors_of
@@ -67,7 +68,8 @@ class TelemetryView:
         self.refused = 0
         """Orders from shore that were refused; sent likewise."""
         self._settings, self._who = settings, who
-        self._n = len(settings.vessel.thrusters)
+        self._channels = tuple(thruster.channel for thruster in settings.vessel.thrusters)
+        self._wired = SentPulses()
         self._sensors = [sensor for sensor in sensors_of(settings.vessel.sensors, settings.site) if sensor.aids]
         self._periods_ns = {kind: round(share * S / rate_hz) for kind, share in _RATED.items()}
         self._periods_ns |= dict.fromkeys(_SLOW, S) | dict.fromkeys(_HALF_SECOND, S // 2)
@@ -81,7 +83,7 @@ class TelemetryView:
         self._loaded: NewMission | None = None
         self._request: SolveRequest | None = None
         self._horizon: tuple[PlanResult, SolveRequest] | None = None
-        self._second = _Second()
+        self._second = topics.SecondOfTiming()
         self._alerts: list[int] = []
 
     def begin(self, t_ns: int) -> list[shore.ShoreMessage]:
@@ -122,6 +124,9 @@ class TelemetryView:
     def _innovated(self, message: Innovation) -> None:
         if message.sensor.startswith(RANGE):
             self._residuals[message.sensor.removeprefix(RANGE)] = message
+
+    def _parameter(self, message: ParamValue) -> None:
+        self._wired = at_parameter(self._wired, message, self._channels)
 
     def _asked(self, message: SolveRequest) -> None:
         self._request = message
@@ -189,7 +194,8 @@ class TelemetryView:
         lease: OverrideLease | None = self._last.pop(OverrideLease, None)
         if lease is None:
             return None
-        return topics.thrusters(self._who.run, lease, self._sent, self._last.get(ServoOutput), self._n)
+        numbers = outputs_of(self._wired, len(self._channels))
+        return topics.thrusters(self._who.run, lease, self._sent, self._last.get(ServoOutput), numbers)
 
     def _reference(self, t_ns: int) -> shore.ReferenceNow | None:
         g: GuidanceReference | None = self._last.pop(GuidanceReference, None)
@@ -219,7 +225,7 @@ class TelemetryView:
         return topics.excitation(self._who.run, x) if x else None
 
     def _timing(self, t_ns: int) -> shore.TimingNow:
-        second, self._second = self._second, _Second()
+        second, self._second = self._second, topics.SecondOfTiming()
         stats: ProcessStats | None = self._last.get(ProcessStats)
         return shore.TimingNow(
             **self._head(t_ns),
@@ -240,17 +246,6 @@ class TelemetryView:
     def _battery(self, t_ns: int) -> shore.BatteryNow | None:
         b: Battery | None = self._last.get(Battery)
         return topics.battery(self._who.run, b, t_ns) if b else None
-
-
-class _Second:
-    """Figures since the last `timing`."""
-
-    def __init__(self) -> None:
-        self.late_ms: list[float] = []
-        self.imu_ms: list[float] = []
-        self.solve_ms: list[float] = []
-        self.solves: Counter[str] = Counter()
-        self.leases: Counter[str] = Counter()
 
 
 _RATED: dict[type[shore.ShoreMessage], int] = {
@@ -291,6 +286,7 @@ _SEE: dict[type[Message], Callable[[TelemetryView, Any], list[shore.ShoreMessage
     ModeStatus: TelemetryView._mode,
     NewMission: TelemetryView._mission,
     OverrideLease: TelemetryView._leased,
+    ParamValue: TelemetryView._parameter,
     PlanResult: TelemetryView._planned,
     SolveRequest: TelemetryView._asked,
     UwbRanges: TelemetryView._note_ranges,

@@ -38,7 +38,7 @@ class RequestAuth:
 
     def knows(self, token: str | None) -> bool:
         """Whether a token is ours."""
-        return self.token is None or hmac.compare_digest((token or "").encode(), self.token.encode())
+        return self.token is None or hmac.compare_digest((token or "").encode(errors="replace"), self.token.encode())
 
 
 def is_loopback(host: str) -> bool:

@@ -54,7 +54,7 @@ async def read_body(request: web.Request, kind: type[Body]) -> Body:
     try:
         async with asyncio.timeout(BODY_S):
             return msgspec.json.decode(await request.read(), type=kind)
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise web.HTTPBadRequest(text=str(error)) from None
     except TimeoutError:
         raise web.HTTPRequestTimeout(text=f"the request took longer than {BODY_S:g} s to arrive") from None

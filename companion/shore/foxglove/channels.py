@@ -35,6 +35,7 @@ class FoxgloveChannels:
         self._channels: dict[str, Channel] = {}
         self._scenes: dict[str, SceneUpdateChannel] = {}
         self._locations: dict[str, LocationFixChannel] = {}
+        self._runs: dict[str, str] = {}
         self._abouts: dict[str, shore.About] = {}
         self._once: dict[tuple[str, str], tuple[shore.ShoreMessage, bytes]] = {}
         self._again_ns = 0
@@ -49,6 +50,8 @@ class FoxgloveChannels:
 
     def _see(self, boat: str, topic: str, data: bytes, unix_ns: int) -> None:
         sample = shore.decode(topic, data)
+        if self._runs.setdefault(boat, sample.run) != sample.run:
+            self._forget(boat, sample.run)
         if isinstance(sample, shore.About):
             self._abouts[boat] = sample
         about = self._abouts.get(boat)
@@ -63,6 +66,12 @@ class FoxgloveChannels:
                 self._location(boat).log(fix, log_time=at_ns)
         elif isinstance(sample, shore.AlertTold):
             self._log(f"/{boat}/log", log_line(at_ns, sample.level, sample.text, boat), at_ns)
+
+    def _forget(self, boat: str, run: str) -> None:
+        """Another run of a boat begins: it has another clock, if the boat was started anew, and maybe another site."""
+        self._runs[boat] = run
+        self._abouts.pop(boat, None)
+        self._once = {key: once for key, once in self._once.items() if key[0] != boat}
 
     def _again(self, unix_ns: int, at_ns: int) -> None:
         if abs(unix_ns - self._again_ns) < AGAIN_NS:

@@ -35,6 +35,13 @@ def test_a_stop_is_obeyed_once_and_the_answer_is_the_boats():
     assert attachment == seal(KEY, "b", payload)
 
 
+@pytest.mark.parametrize("t_ns", [-(1 << 70), 1 << 63, 1 << 90])
+def test_telemetry_with_a_clock_that_no_order_can_carry_keeps_no_stop_away(t_ns):
+    """The boat refused it as malformed, and it was not made out anew."""
+    water = Water(by_telemetry=Place("run", t_ns))
+    assert water.give().outcome.status == "done" and water.programs[0].commands == ["stop"]
+
+
 def test_an_unanswered_stop_is_said_again_word_for_word_and_obeyed_once():
     water = Water([boat := Boat(deaf=3)])
     given = water.give()

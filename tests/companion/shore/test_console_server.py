@@ -116,6 +116,7 @@ def test_an_order_that_the_network_held_up_moves_nothing_and_a_stop_is_never_lat
     ("data", "status"),
     [
         (b"{}", 400), (b"rubbish", 400), (b'{"boat":"b","command":"explode"}', 400), (b"\xff", 400),
+        (b'{"boat":"\xff"}', 400),
         (b'{"boat":"a/b","command":"stop"}', 400), (b'{"boat":"b","command":"load_mission"}', 400),
         (b'{"boat":"b","command":"stop","mission":{"name":"x","text":"y"}}', 400), (b"x" * 300_000, 413),
     ],

@@ -102,9 +102,11 @@ def test_a_clock_that_was_made_up_is_forgotten():
 def test_rubbish_is_counted_and_left_out():
     store = BoatStore()
     good = shore.encode(state(1))
-    for topic, data in [("state", b"{}"), ("state", b"\xff"), ("nonsense", good), ("state", good[:-1]), ("state", b"")]:
+    named = [("state", shore.encode(state(1, run=run))) for run in ("\x1b[2J", "x" * 65)]
+    bad = [("state", b"{}"), ("state", b"\xff"), ("nonsense", good), ("state", good[:-1]), ("state", b""), *named]
+    for topic, data in bad:
         assert store.take("b", topic, data, 0) is None
-    assert store.refused == {"not understood": 5} and not store.boats
+    assert store.refused == {"not understood": 7} and not store.boats
     assert store.take("b", "state", b" " * (MAX_BYTES + 1), 0) is None
     assert store.take("a/b", "state", good, 0) is None and store.take("__proto__ ", "state", good, 0) is None
     assert store.refused["a strange name"] == 2
@@ -249,6 +251,7 @@ def test_origins(origin, needed, good):
 
 def test_tokens():
     assert GUARD.knows("sesame-12") and not GUARD.knows("sesame-1") and not GUARD.knows(None) and not GUARD.knows("é")
+    assert not GUARD.knows("\udcff"), "a byte of a cookie that is no UTF-8, as aiohttp hands it over"
     assert RequestAuth(frozenset(), None).knows(None)
     assert [is_loopback(h) for h in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "192.168.1.2", "boat")] == [
         True, True, True, False, False, False

@@ -12,6 +12,7 @@ export class Alarms {
     this.button = button;
     this.context = null;
     this.sounded_ms = -Infinity;
+    this.sounded = "";
     this.standing = new Map(); // what lasts, so that it is told once: key -> text
     button.addEventListener("click", () => (this.context ? this.off() : this.on()));
     this.show();
@@ -60,8 +61,9 @@ export class Alarms {
 
   sound(level) {
     const now_ms = performance.now();
-    if (now_ms - this.sounded_ms < AGAIN_MS) return;
-    this.sounded_ms = now_ms;
+    if (now_ms - this.sounded_ms < AGAIN_MS && (level !== "error" || this.sounded === "error")) return;
+    [this.sounded_ms, this.sounded] = [now_ms, level];
+    this.context.resume(); // a phone that was locked suspends it
     TONES[level].forEach((pitch, k) => this.tone(pitch, this.context.currentTime + k * TONE_S));
   }
 

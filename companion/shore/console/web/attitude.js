@@ -1,7 +1,7 @@
 // Compass and artificial horizon: how the boat lies on the water, as instruments and in words.
 
 import { make } from "./panels.js";
-import { heard } from "./shapes.js";
+import { compass, heard, placed } from "./shapes.js";
 import { figure, heading } from "./words.js";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -38,10 +38,10 @@ export class Attitude {
   /** state: the estimate, in site axes; attitude: the autopilot's. Null or undefined: not known. */
   show({ state, about, ...told }) {
     const attitude = heard(told.attitude, state);
-    const psi_rad = state && state.psi_rad + (about?.rotation_deg ?? 0) / DEGREES;
+    const psi_rad = compass(placed(state), about);
     this.say(this.compass, this.course, `Heading ${heading(psi_rad)} true`, `autopilot ${heading(attitude?.heading_rad)}`);
-    this.needle.setAttribute("visibility", state ? "visible" : "hidden");
-    if (state) this.needle.setAttribute("transform", `rotate(${(psi_rad * DEGREES).toFixed(1)})`);
+    this.needle.setAttribute("visibility", placed(state) ? "visible" : "hidden");
+    if (placed(state)) this.needle.setAttribute("transform", `rotate(${(psi_rad * DEGREES).toFixed(1)})`);
     const [roll, pitch] = [attitude?.roll_rad * DEGREES, attitude?.pitch_rad * DEGREES];
     this.say(this.horizon, this.tilt, `Roll ${figure(roll, 1)}°`, `pitch ${figure(pitch, 1)}°`);
     for (const part of [this.water, this.line]) part.setAttribute("visibility", attitude ? "visible" : "hidden");

@@ -17,7 +17,7 @@ import { make, showAlerts, showChecks, showFigures, showLinks, showMode, showThr
 import { ALL, Preferences } from "./preferences.js";
 import { Plots } from "./plots.js";
 import { themeSwitch } from "./theme.js";
-import { placed } from "./shapes.js";
+import { guided, inSite, placed } from "./shapes.js";
 import { age, modeWords } from "./words.js";
 
 const KEPT_S = 600; // of the chosen boat; of the others only what the list and the map need
@@ -104,17 +104,14 @@ function remembered() {
 
 function choose(boat) {
   if (boat === chosen) return;
-  if (chosen) {
-    history.keep(chosen, OTHERS_S);
-    changed.add(chosen);
-  }
+  if (chosen) history.keep(chosen, OTHERS_S);
   chosen = boat;
   desk.dismiss();
   if (map.pick === driveHere.pick) map.setPick(null);
   fitted = null;
   if (!boat) return look();
   history.keep(boat, KEPT_S);
-  changed.add(boat);
+  fleet.names().forEach((name) => changed.add(name));
   globalThis.history.replaceState(null, "", `#${encodeURIComponent(boat)}`);
   connection.choose(boat);
   look();
@@ -139,13 +136,15 @@ function age_s(boat) {
 
 function draw() {
   if (document.hidden || !changed.size) return;
+  const site = chosen && history.last(chosen, "about"); // in whose axes the map is
   for (const boat of changed) {
     if (fleet.away.has(boat)) {
       map.forget(boat);
       continue;
     }
     const close = boat === chosen;
-    const view = close ? history.at(boat) : { state: history.last(boat, "state"), about: history.last(boat, "about") };
+    const about = history.last(boat, "about");
+    const view = close ? history.at(boat) : { about, state: inSite(history.last(boat, "state"), about, site) };
     map.show(boat, view, { track: close ? history.track(boat) : [], chosen: close, stale: stale(boat), ended: fleet.ended(boat), colour: close ? "var(--boat)" : "var(--other)" });
     drawn.set(boat, (drawn.get(boat) ?? 0) + 1);
     if (close) showChosen(view);
@@ -165,7 +164,7 @@ function showChosen(view) {
   showLinks($("links"), view.links, view.timing);
   showChecks($("checks"), view.checks);
   showAlerts($("alerts"), history.list(chosen, "alert"), Infinity, view.about?.unix_minus_t_ns);
-  const resumes = ["hold", "idle", "safe"].includes(view.mode?.mode) && view.reference;
+  const resumes = ["hold", "idle", "safe"].includes(view.mode?.mode) && guided(view.reference, view.path);
   $("start").textContent = resumes ? "Resume…" : "Start…";
 }
 

@@ -1,10 +1,12 @@
 // Grid with metres written at its lines, scale bar and north arrow, for a Leaflet map in metres.
 
 import { roundStep } from "./shapes.js";
+import { heading } from "./words.js";
 
 const L = globalThis.L;
 const LEAST_PX = 70; // between two grid lines
 const BAR_PX = 90;
+const DEGREES = 180 / Math.PI;
 
 function text(className, content) {
   const element = document.createElement("div");
@@ -20,11 +22,17 @@ export class Grid {
     this.labels = map.getContainer().appendChild(text("grid-labels", ""));
     this.labels.setAttribute("aria-hidden", "true");
     this.scale = map.getContainer().appendChild(text("scale-bar", ""));
-    const north = map.getContainer().appendChild(text("north-arrow", "N"));
-    north.setAttribute("aria-label", "North is up");
-    north.setAttribute("role", "img");
+    this.north = map.getContainer().appendChild(text("north-arrow", "N"));
+    this.north.setAttribute("role", "img");
+    this.turn(0);
     map.on("moveend zoomend resize viewreset", () => this.draw());
     this.draw();
+  }
+
+  /** The arrow to true north: up is the first axis of a site, which lies so much clockwise of it. */
+  turn(rotation_deg) {
+    this.north.style.rotate = `${-rotation_deg}deg`;
+    this.north.setAttribute("aria-label", rotation_deg ? `Up is ${heading(rotation_deg / DEGREES)} true` : "North is up");
   }
 
   draw() {

@@ -2,7 +2,7 @@
 // Places are [north_m, east_m], which Leaflet's plane (CRS.Simple) takes as [y, x].
 
 import { Grid } from "./grid.js";
-import { arrow, ellipse, fresh, heard, outline, placed, sizeOf, toMap } from "./shapes.js";
+import { arrow, ellipse, fresh, guided, heard, outline, placed, sizeOf, toMap } from "./shapes.js";
 
 const L = globalThis.L;
 const INK = "var(--ink)"; // colours are those of theme.css
@@ -102,6 +102,7 @@ export class BoatMap {
     const state = placed(view.state);
     const opacity = ended ? FADED : 1;
     this.showSite(layers, chosen ? about : null);
+    if (chosen) this.grid.turn(about?.rotation_deg ?? 0);
     this.showPath(layers, chosen ? view : {});
     this.showAnchors(layers, chosen ? view : {}, stale);
     const trail = line({ weight: 2.5, opacity: 0.85, dashArray: ghost ? "2 6" : null });
@@ -175,7 +176,7 @@ export class BoatMap {
 
   showPath(layers, { path, reference, state }) {
     const places = (path?.waypoints ?? []).map((w) => [w.north_m, w.east_m]);
-    const passed = reference?.waypoints_passed ?? 0;
+    const passed = guided(reference, path)?.waypoints_passed ?? 0;
     const key = JSON.stringify([places, passed]);
     if (layers.path !== key) {
       layers.path = key;

@@ -31,7 +31,7 @@ export class OrderDesk {
     load.addEventListener("click", () => file.click());
     file.addEventListener("change", () => this.load());
     document.addEventListener("keydown", (event) => {
-      if (event.key === "F9") this.stopOrSayWhyNot();
+      if (event.key === "F9") event.repeat || this.stopOrSayWhyNot();
       else if (event.key === "Escape") this.dismiss();
       else return;
       event.preventDefault();
@@ -116,6 +116,7 @@ export class OrderDesk {
     question.hidden = false;
     this.asking = document.activeElement;
     this.gone = gone;
+    yes.addEventListener("keydown", (event) => event.repeat && event.preventDefault()); // the key that asked is still down
     yes.addEventListener("click", () => {
       this.dismiss();
       act();

@@ -1,10 +1,10 @@
 // Figures, alerts and tables in words, beside the map.
 
-import { fresh, geodetic, placed, sigma } from "./shapes.js";
+import { compass, fresh, geodetic, guided, placed, sigma } from "./shapes.js";
 import { age, clock, figure, heading, modeWords } from "./words.js";
 
 const SHOWN_ALERTS = 60;
-const BATTERY_OLD_S = 10; // the autopilot reports it each second
+export const BATTERY_OLD_S = 10; // the autopilot reports it each second
 
 /** An element with a class and a text. */
 export function make(tag, className = "", text = "") {
@@ -45,13 +45,13 @@ export function showFigures(element, { state, about, reference, battery, thruste
     ["East", figure(placed(state)?.east_m, 2, "m")],
     ["Latitude", figure(latitude, 7, "°")],
     ["Longitude", figure(longitude, 7, "°")],
-    ["Heading", heading(state?.psi_rad)],
-    ["Speed", state ? figure(Math.hypot(state.u_m_s, state.v_m_s) * speed.factor, speed.digits, speed.unit) : figure(null)],
-    ["Yaw rate", figure(state && ((state.r_rad_s * 180) / Math.PI) * rate.factor, rate.digits, rate.unit)],
+    ["Heading", heading(compass(placed(state), about))],
+    ["Speed", figure(placed(state) && Math.hypot(state.u_m_s, state.v_m_s) * speed.factor, speed.digits, speed.unit)],
+    ["Yaw rate", figure(placed(state) && ((state.r_rad_s * 180) / Math.PI) * rate.factor, rate.digits, rate.unit)],
     ["Cross-track", figure(fresh(reference, state)?.y_e_m, 2, "m")],
     ["Position ±", figure(placed(state) && sigma(state.covariance), 2, "m")],
     ["Estimate", state ? state.health + (state.reason ? `: ${state.reason}` : "") : "not reported", state && health],
-    ["Waypoints", total ? `${reference?.waypoints_passed ?? 0} of ${total}` : figure(null)],
+    ["Waypoints", total ? `${guided(reference, path)?.waypoints_passed ?? 0} of ${total}` : figure(null)],
     ["Battery", figure(battery?.voltage_v, 1, "V") + old, old && "warning"],
     ["Charge", figure(battery?.remaining_percent, 0, "%") + old, old && "warning"],
     ["Commands from", thrusters ? thrusters.source.replace("_", " ") : figure(null), thrusters && thrusters.reason && thrusters.source !== "neutral" ? "warning" : ""],

@@ -1,5 +1,6 @@
 // Plots against time, drawn by uPlot: one panel a figure, one cursor for all, gaps where there are no samples.
 
+import { BATTERY_OLD_S } from "./panels.js";
 import { ink, onTheme } from "./theme.js";
 import { figure } from "./words.js";
 
@@ -20,6 +21,12 @@ function forces(about) {
   return (about?.thrusters ?? []).map((thruster, k) => one(thruster.name, "thrusters", (s) => s.force_n[k]));
 }
 
+/** From true north, as the page's other headings. */
+function headings(about) {
+  const true_deg = (psi_rad) => psi_rad * DEGREES + (about?.rotation_deg ?? 0);
+  return [one("heading", "state", (s) => true_deg(s.psi_rad)), one("asked", "reference", (s) => true_deg(s.psi_ref_rad))];
+}
+
 /** lines(about): what a panel draws; the first line of a panel is the measured one. min_span: least height of its axis;
     quantity: of `setUnits`, where there is a choice. */
 export const PANELS = [
@@ -28,14 +35,14 @@ export const PANELS = [
   { id: "r", title: "Yaw rate r", quantity: "rate", unit: "°/s", digits: 1, min_span: 4, lines: () => [one("r", "state", (s) => s.r_rad_s * DEGREES)] },
   { id: "y_e", title: "Cross-track", unit: "m", digits: 2, min_span: 0.4, lines: () => [one("y_e", "reference", (s) => s.y_e_m)] },
   { id: "pwm", title: "Pulse width", unit: "µs", digits: 0, min_span: 40, lines: pulses },
-  { id: "voltage", title: "Battery", unit: "V", digits: 1, min_span: 1, lines: () => [one("voltage", "battery", (s) => s.voltage_v)] },
+  { id: "voltage", title: "Battery", unit: "V", digits: 1, min_span: 1, lines: () => [one("voltage", "battery", (s) => (s.age_s > BATTERY_OLD_S ? null : s.voltage_v))] },
   { id: "solve", title: "Solve time", unit: "ms", digits: 1, min_span: 5, lines: () => [one("median", "timing", (s) => s.solve.median_ms), one("largest", "timing", (s) => s.solve.max_ms)] },
   { id: "late", title: "Loop lateness", unit: "ms", digits: 1, min_span: 2, lines: () => [one("median", "timing", (s) => s.lateness.median_ms), one("largest", "timing", (s) => s.lateness.max_ms)] },
 ];
 
 /** Those that are drawn when somebody asks for them. */
 export const FURTHER = [
-  { id: "psi", title: "Heading", unit: "°", digits: 0, min_span: 20, lines: () => [one("heading", "state", (s) => s.psi_rad * DEGREES), one("asked", "reference", (s) => s.psi_ref_rad * DEGREES)] },
+  { id: "psi", title: "Heading", unit: "°", digits: 0, min_span: 20, lines: headings },
   { id: "tilt", title: "Roll and pitch", unit: "°", digits: 1, min_span: 4, lines: () => [one("roll", "attitude", (s) => s.roll_rad * DEGREES), one("pitch", "attitude", (s) => s.pitch_rad * DEGREES)] },
   { id: "place", title: "Place", unit: "m", digits: 2, min_span: 1, lines: () => [one("north", "state", (s) => s.north_m), one("east", "state", (s) => s.east_m)] },
   { id: "force", title: "Force", unit: "N", digits: 1, min_span: 2, lines: forces },

@@ -75,6 +75,11 @@ export function placed(state) {
   return state && state.health !== "initialising" ? state : undefined;
 }
 
+/** Heading from true north [rad] of a state in site axes; undefined where there is none. */
+export function compass(state, about) {
+  return state && state.psi_rad + (about?.rotation_deg ?? 0) / DEGREES;
+}
+
 const WGS84_A_M = 6378137.0; // NIMA TR8350.2
 const WGS84_E2 = 6.69437999014e-3;
 const DEGREES = 180 / Math.PI;
@@ -83,11 +88,29 @@ const DEGREES = 180 / Math.PI;
 export function geodetic(about, [north_m, east_m]) {
   if (!about || (about.lat_deg === 0 && about.lon_deg === 0)) return null;
   const [north, east] = toMap({ north_m: 0, east_m: 0, psi_rad: about.rotation_deg / DEGREES }, north_m, east_m);
-  const latitude = about.lat_deg / DEGREES;
+  const [north_m_deg, east_m_deg] = degree(about);
+  return [about.lat_deg + north / north_m_deg, about.lon_deg + east / east_m_deg];
+}
+
+/** Metres of a degree of latitude and of longitude at a site's origin. */
+function degree({ lat_deg }) {
+  const latitude = lat_deg / DEGREES;
   const q = 1 - WGS84_E2 * Math.sin(latitude) ** 2;
   const vertical = WGS84_A_M / Math.sqrt(q);
-  const meridian = (vertical * (1 - WGS84_E2)) / q;
-  return [about.lat_deg + (north / meridian) * DEGREES, about.lon_deg + (east / (vertical * Math.cos(latitude))) * DEGREES];
+  return [(vertical * (1 - WGS84_E2)) / q / DEGREES, (vertical * Math.cos(latitude)) / DEGREES];
+}
+
+const AXES = ["site", "lat_deg", "lon_deg", "rotation_deg"];
+
+/** A state in the axes of site `from`, in those of site `to`; undefined where one of two sites does not say where on earth it lies. */
+export function inSite(state, from, to) {
+  if (!state || !from || !to || AXES.every((key) => from[key] === to[key])) return state;
+  const at = geodetic(from, [state.north_m, state.east_m]);
+  if (!at || !geodetic(to, [0, 0])) return undefined;
+  const [north_m_deg, east_m_deg] = degree(to);
+  const away = [(at[0] - to.lat_deg) * north_m_deg, (at[1] - to.lon_deg) * east_m_deg];
+  const [north_m, east_m] = toMap({ north_m: 0, east_m: 0, psi_rad: -to.rotation_deg / DEGREES }, ...away);
+  return { ...state, north_m, east_m, psi_rad: state.psi_rad + (from.rotation_deg - to.rotation_deg) / DEGREES };
 }
 
 const FRESH_NS = 1.5e9;
@@ -95,6 +118,11 @@ const FRESH_NS = 1.5e9;
 /** The sample where it is about as new as the state: guidance and plan are not told while nothing steers. */
 export function fresh(sample, state) {
   return sample && state && sample.t_ns > state.t_ns - FRESH_NS ? sample : undefined;
+}
+
+/** Guidance's last word, where it is of this path: another one that was loaded since has not been begun. */
+export function guided(reference, path) {
+  return path?.t_ns > reference?.t_ns ? undefined : reference;
 }
 
 const SENSOR_NS = 3e9; // what sensors say comes twice a second at most

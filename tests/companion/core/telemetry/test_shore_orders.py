@@ -93,6 +93,18 @@ def test_a_stop_that_was_overtaken_by_another_order_still_stops_and_only_once():
         gate.judge(*start, BOAT_NS)
 
 
+@pytest.mark.parametrize("command", ["start", "hold", "manual"])
+def test_what_was_given_before_somebodys_stop_does_not_drive_the_boat_after_it(command):
+    """A bad radio held anna's order up for 4 s; bob stopped the boat meanwhile."""
+    gate, (anna, local), (bob, _) = OrderGate("b", "run", KEY), sender(), sender("session-2")
+    held_up = anna.order(command)
+    gate.judge(*bob.order("stop", at=Place("run", BOAT_NS + 2 * S)), BOAT_NS + 2 * S)
+    with pytest.raises(OrderRefused, match="before a STOP"):
+        gate.judge(*held_up, BOAT_NS + 4 * S)
+    local.ns += 3 * S
+    assert gate.judge(*anna.order(command), BOAT_NS + 4 * S).command == command, "given after it"
+
+
 def test_a_hello_asks_for_the_key_and_for_nothing_else():
     gate, (anna, _) = OrderGate("b", "run", KEY), sender(run="another")
     hello = anna.order("hello", at=NOWHERE)

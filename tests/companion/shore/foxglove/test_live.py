@@ -96,6 +96,12 @@ def test_a_client_gets_samples_pose_and_alerts_with_their_times():
     assert got["/boat/about"][0][1]["vessel"] == "v"
 
 
+def test_a_boat_that_was_started_anew_is_not_stamped_by_the_clock_that_it_had_before():
+    """Its monotonic clock began anew: until it tells what time it has, its samples are of now."""
+    t_ns, _ = heard([about(1000), msgspec.structs.replace(state(5), run="next")], {"/boat/state"})["/boat/state"][0]
+    assert t_ns > UNIX_NS
+
+
 def test_a_client_sees_the_scene_and_the_place_on_the_earth():
     got = heard([about(1000), state(5)], {"/boat/scene", "/boat/location"})
     drawn = {e.id: t_ns for t_ns, update in got["/boat/scene"] for e in update.entities}

@@ -18,6 +18,8 @@ FEW = 8
 ROUND_OFF = 1e-9
 """Values that differ by less than this share of their size are one value; assumed."""
 STYLES = ("-", "--", ":")
+HATCHES = ("", "///", "...")
+"""How parts beyond the number of colours are told from those of the same colour, as lines and as bars."""
 
 
 def distributions(parts: Mapping[str, Mapping[str, np.ndarray]], names: Sequence[str]) -> Figure:
@@ -69,7 +71,8 @@ def counts(parts: Mapping[str, Mapping[str, int]]) -> Figure:
     left = np.zeros(len(words))
     for i, (part, counts_of_part) in enumerate(parts.items()):
         many = np.array([counts_of_part.get(w, 0) for w in words], dtype=float)
-        ax.barh(np.arange(len(words))[::-1], many, left=left, color=COLOURS[i % len(COLOURS)], label=part)
+        colour, hatch = COLOURS[i % len(COLOURS)], HATCHES[i // len(COLOURS) % len(HATCHES)]
+        ax.barh(np.arange(len(words))[::-1], many, left=left, color=colour, hatch=hatch, label=part)
         left += many
     ax.set_yticks(np.arange(len(words))[::-1], [w or "(none)" for w in words], fontsize=8)
     ax.set(xlabel="cases")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.campaign.pictures import distributions
+from sim.campaign.pictures import counts, distributions
 
 ONE = 1 / 3
 
@@ -25,6 +25,11 @@ def test_values_that_differ_by_round_off_are_one_bar(values):
     drawn = distributions({"all cases": {"off": np.array(values * 10)}}, ["off"])
     assert [bar.get_height() for bar in drawn.axes[0].patches] == [len(values) * 10]
     drawn.canvas.draw()
+
+
+def test_no_two_parts_of_a_grid_look_alike_as_bars():
+    bars = counts({f"wind {k}": {"named": 1} for k in range(12)}).axes[0].patches
+    assert len({(bar.get_facecolor(), bar.get_hatch()) for bar in bars}) == len(bars) == 12
 
 
 def test_values_that_differ_have_more_bars():

@@ -54,7 +54,7 @@ def _missions(history: History, course: BoatCourse) -> ScoreTable:
         north, east = (entry.day.get(f"current.{axis}_m_s", 0.0) for axis in ("north", "east"))
         nats, name = mission.best
         rows.append(
-            (str(i), when(entry), PurePath(entry.log).name, f"{(north**2 + east**2) ** 0.5:.2f}",
+            (str(i), when(entry), str(PurePath(*PurePath(entry.log).parts[-2:])), f"{(north**2 + east**2) ** 0.5:.2f}",
              f"{100 * mission.unexplained:.0f}", f"{mission.scale:.1f}", f"{mission.gain_nats:+.1f}", f"{nats:.1f}",
              name if nats > 0 else ""),
         )  # fmt: skip

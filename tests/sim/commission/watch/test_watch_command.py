@@ -49,7 +49,7 @@ def test_logs_are_taken_in_once_a_bad_one_is_named_and_a_yes_writes_a_new_file(t
     entries = sorted((history / "logs").iterdir())
     assert len(entries) == 2 and "Nothing has changed" in out
     page = (history / "history.html").read_text()
-    assert page.count(" UTC, by its file") == 2
+    assert page.count(" UTC, by its file") == 2 and f"{logs[0].parent.name}/day1.csv" in page
     assert page.count("<img") == 2 and "day1.csv" in page and page.index("day1.csv") < page.index("day2.csv")
     assert watch(history, *logs) == 0
     assert sorted((history / "logs").iterdir()) == entries

@@ -51,7 +51,8 @@ def errors(sigmas: Mapping[str, np.ndarray]) -> Figure:
     at = np.arange(len(sigmas))[::-1]
     ax.axvspan(-1.96, 1.96, color="#eeeeee", label="95 % of honest errors")
     for y, values in zip(at, sigmas.values(), strict=True):
-        low, quarter, middle, three, high = np.quantile(_known(values), [0.025, 0.25, 0.5, 0.75, 0.975])
+        quarter, middle, three = np.quantile(_known(values), [0.25, 0.5, 0.75])
+        low, high = not_exceeded(_known(values), 0.025), not_exceeded(_known(values), 0.975)
         ax.plot([low, high], [y, y], color=COLOURS[0], lw=1, label="95 % of the cases" if y == 0 else None)
         ax.plot([quarter, three], [y, y], color=COLOURS[0], lw=4, label="half of the cases" if y == 0 else None)
         ax.plot(middle, y, "|", color=INK, ms=9, label="median" if y == 0 else None)
@@ -82,6 +83,11 @@ def counts(parts: Mapping[str, Mapping[str, int]]) -> Figure:
     return figure
 
 
+def not_exceeded(values: np.ndarray, share: float) -> float:
+    """The least of the values that this share of them, or more, do not exceed: for 95 % of less than 20 the largest."""
+    return float(np.quantile(values, share, method="inverted_cdf"))
+
+
 def _known(values: np.ndarray) -> np.ndarray:
     return np.sort(values[np.isfinite(values)])
 
@@ -97,9 +103,10 @@ def _histogram(ax: Axes, values: np.ndarray) -> None:
     else:
         bins, margin = min(40, max(8, round(len(values) ** 0.5))), 0.0
     ax.hist(values, bins, range=(values[0] - margin, values[-1] + margin), color=COLOURS[0], alpha=0.85)
-    for share, style in ((0.5, "-"), (0.95, "--")):
-        ax.axvline(float(np.quantile(values, share)), color=INK, ls=style, lw=1)
+    for at, style in ((float(np.median(values)), "-"), (not_exceeded(values, 0.95), "--")):
+        ax.axvline(at, color=INK, ls=style, lw=1)
     ax.set_ylabel("cases", fontsize=8)
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _curves(ax: Axes, parts: Mapping[str, np.ndarray]) -> None:

@@ -100,7 +100,7 @@ def draw(figure: Figure, series: Series, title: str) -> None:
                 axes.set_xlabel("time since start of log [s]")
         cross_track(left, series)
         left.set_xlim(0.0, max(series.duration_s, 1e-3))
-        figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
+        figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left", parse_math=False)
         _part_legends_from_titles(figure)
 
 

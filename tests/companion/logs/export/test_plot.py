@@ -146,9 +146,11 @@ def test_lines_and_shades_end_where_the_log_has_a_gap(tmp_path):
         assert len(shades) == (2 if panel is pwm else 0)
 
 
-def test_times_beyond_a_hundred_milliseconds_have_no_exponent(tmp_path):
+def test_times_beyond_a_hundred_milliseconds_have_no_exponent_and_titles_are_no_formulas(tmp_path):
     figure = Figure()
-    draw(figure, collect(record(tmp_path / "t.mcap", Tick(t_ns=5, index=0, lateness_ns=253_000_000))), "title")
+    series = collect(record(tmp_path / "t.mcap", Tick(t_ns=5, index=0, lateness_ns=253_000_000)))
+    draw(figure, series, "a title is no formula: cost$%$.mcap")
+    figure.draw_without_rendering()
     assert labels(figure) == ["tick lateness: p99 250, max 250"]
 
 

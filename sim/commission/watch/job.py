@@ -35,7 +35,7 @@ from sim.commission.watch.history import (
 from sim.commission.watch.mission_fit import boat_effects, mission_information
 from sim.commission.watch.page import history_page
 from sim.commission.watch.proposal import proposed_text
-from sim.commission.watch.sentences import when
+from sim.commission.watch.sentences import counted, when
 from sim.fitting.diagnose.preparation.swapped_columns import reject_swapped_columns
 from sim.whole_file import write_whole
 
@@ -121,7 +121,7 @@ def accept(history: History) -> Path:
 def proposal(history: History, found: BoatCourse) -> str:
     """The proposed vessel file as text."""
     last = history.entries[-1]
-    note = f"watched over {len(history.entries)} missions up to {when(last)}"
+    note = f"watched over {counted(len(history.entries), 'mission')} up to {when(last)}"
     return proposed_text(history.vessel, found.missions[-1].belief.mean, note)
 
 

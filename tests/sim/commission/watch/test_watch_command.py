@@ -43,6 +43,7 @@ def test_logs_are_taken_in_once_a_bad_one_is_named_and_a_yes_writes_a_new_file(t
     history, bad = tmp_path / "history", tmp_path / "bad.csv"
     bad.write_text("no log\n")
     assert watch(history, logs[1]) == 0
+    assert "watched over 1 mission up to" in (history / "proposed.toml").read_text()
     assert watch(history, bad, *logs) == 1
     out = capsys.readouterr().out
     assert str(bad) in out and "1 log taken in, 1 known already; 2 missions" in " ".join(out.split())

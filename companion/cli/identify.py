@@ -167,7 +167,7 @@ def _models(identification: Identification) -> Table:
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     table.add_column("model", no_wrap=True)
     for head, unit in zip(("error", "position", "heading", "u", "v", "r", "gone"), UNITS, strict=True):
-        table.add_column(f"{head}\n{unit}", justify="right", no_wrap=True)
+        table.add_column(Text(f"{head}\n{unit}"), justify="right", no_wrap=True)  # as a str, [m] would be markup
     diverged = stability_rows(identification.validation)[0]
     for i, score in enumerate(scores, 1):
         share = errors.get(score.name)

@@ -64,9 +64,10 @@ def plot(
         figure.figure(log, out, print_mm, truth=simulator)
     else:
         log_plot.plot(log, out, truth=simulator)
-    for line in (f"wrote {out}", *log.damage):
+    damage = [*log.damage, *(simulator.damage if simulator else ())]
+    for line in (f"wrote {out}", *damage):
         console.print(line, soft_wrap=True, highlight=False, markup=False)
-    return DAMAGED if log.damage else OK
+    return DAMAGED if damage else OK
 
 
 def recover(path: Path, out: Path | None = None) -> int:

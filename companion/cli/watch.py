@@ -87,7 +87,7 @@ def watch(args: argparse.Namespace, console: Console | None = None) -> int:
 def _print(outcome: Outcome, history: History, console: Console) -> None:
     """What was taken in, what has changed, what the proposed file is worth."""
     from sim.commission.watch.history import PAGE, PROPOSED
-    from sim.commission.watch.sentences import change_sentence, proposal_sentences
+    from sim.commission.watch.sentences import change_sentence, counted, proposal_sentences
 
     def line(text: str, style: str = "") -> None:
         console.print(Text(text, style=style), soft_wrap=True)
@@ -99,7 +99,8 @@ def _print(outcome: Outcome, history: History, console: Console) -> None:
     for text in outcome.doubtful:
         line(f"look: {text}", "bold yellow")
     known = f", {len(outcome.known)} known already" if outcome.known else ""
-    line(f"{len(outcome.taken)} logs taken in{known}; {len(history.entries)} missions in {history.folder}")
+    taken, missions = counted(len(outcome.taken), "log"), counted(len(history.entries), "mission")
+    line(f"{taken} taken in{known}; {missions} in {history.folder}")
     if outcome.course is None:
         return
     for i, change in enumerate(outcome.course.changes):

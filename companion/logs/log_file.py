@@ -47,7 +47,8 @@ def open_truth(path: Path, log: LogFile) -> LogFile:
     """
     truth = LogFile(path)
     if next(truth.messages(GroundTruth), None) is None:
-        raise LogError(f"{path}: holds no ground truth; expected the simulator's own log (truth.mcap)")
+        odd = " that this version can read" if truth.undecodable else "; expected the simulator's own log (truth.mcap)"
+        raise LogError("; ".join([f"{path}: holds no ground truth{odd}", *truth.damage]))
     offsets_ns = truth.wall_offset_ns, log.wall_offset_ns
     if all(offsets_ns) and abs(offsets_ns[0] - offsets_ns[1]) > SAME_RUN_NS:
         raise LogError(f"{path}: is of another run than {log.path}, by the clocks that both state")

@@ -40,6 +40,8 @@ MAX_FIXES = 600  # fixes from ranges in one picture: more would only cost time
 FIX_SPREAD_M = 0.5  # residual of a good range in such a fix; assumed
 KNOWN = ("healthy", "degraded")
 """Health of an estimate that says where the boat is."""
+GAP_S = 1.0
+"""Samples further apart are not joined by a line: ten are missing."""
 
 _SCALARS: dict[type[Message], tuple[str, ...]] = {
     StateEstimate: ("north_m", "east_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s"),
@@ -63,6 +65,10 @@ class TopicColumns:
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.values[name]
+
+    def line(self, name: str) -> np.ndarray:
+        """A field to draw as a line, which ends at gaps."""
+        return broken(self.t_s, self.values[name])
 
 
 @dataclass
@@ -116,6 +122,13 @@ def collect(log: LogFile, truth: LogFile | None = None) -> Series:
         if zero_ns <= message.t_ns <= last_ns:
             _add(rows, message)
     return _arrays(rows, zero_ns, last_ns, site, tuple(channels_in(log.metadata)))
+
+
+def broken(t_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """`values` (n, ...) with NaN for the last sample before each gap: lines and steps over `t_s` end there."""
+    out = np.array(values, dtype=float)
+    out[np.diff(t_s, append=t_s[-1:]) > GAP_S] = np.nan
+    return out
 
 
 def _add(rows: _Rows, message: Message) -> None:

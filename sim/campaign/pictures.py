@@ -18,6 +18,8 @@ FEW = 8
 ROUND_OFF = 1e-9
 """Values that differ by less than this share of their size are one value; assumed."""
 STYLES = ("-", "--", ":")
+HATCHES = ("", "///", "...")
+"""How parts beyond the number of colours are told from those of the same colour, as lines and as bars."""
 
 
 def distributions(parts: Mapping[str, Mapping[str, np.ndarray]], names: Sequence[str]) -> Figure:
@@ -49,7 +51,8 @@ def errors(sigmas: Mapping[str, np.ndarray]) -> Figure:
     at = np.arange(len(sigmas))[::-1]
     ax.axvspan(-1.96, 1.96, color="#eeeeee", label="95 % of honest errors")
     for y, values in zip(at, sigmas.values(), strict=True):
-        low, quarter, middle, three, high = np.quantile(_known(values), [0.025, 0.25, 0.5, 0.75, 0.975])
+        quarter, middle, three = np.quantile(_known(values), [0.25, 0.5, 0.75])
+        low, high = not_exceeded(_known(values), 0.025), not_exceeded(_known(values), 0.975)
         ax.plot([low, high], [y, y], color=COLOURS[0], lw=1, label="95 % of the cases" if y == 0 else None)
         ax.plot([quarter, three], [y, y], color=COLOURS[0], lw=4, label="half of the cases" if y == 0 else None)
         ax.plot(middle, y, "|", color=INK, ms=9, label="median" if y == 0 else None)
@@ -69,7 +72,8 @@ def counts(parts: Mapping[str, Mapping[str, int]]) -> Figure:
     left = np.zeros(len(words))
     for i, (part, counts_of_part) in enumerate(parts.items()):
         many = np.array([counts_of_part.get(w, 0) for w in words], dtype=float)
-        ax.barh(np.arange(len(words))[::-1], many, left=left, color=COLOURS[i % len(COLOURS)], label=part)
+        colour, hatch = COLOURS[i % len(COLOURS)], HATCHES[i // len(COLOURS) % len(HATCHES)]
+        ax.barh(np.arange(len(words))[::-1], many, left=left, color=colour, hatch=hatch, label=part)
         left += many
     ax.set_yticks(np.arange(len(words))[::-1], [w or "(none)" for w in words], fontsize=8)
     ax.set(xlabel="cases")
@@ -77,6 +81,11 @@ def counts(parts: Mapping[str, Mapping[str, int]]) -> Figure:
     if len(parts) > 1:
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     return figure
+
+
+def not_exceeded(values: np.ndarray, share: float) -> float:
+    """The least of the values that this share of them, or more, do not exceed: for 95 % of less than 20 the largest."""
+    return float(np.quantile(values, share, method="inverted_cdf"))
 
 
 def _known(values: np.ndarray) -> np.ndarray:
@@ -94,9 +103,10 @@ def _histogram(ax: Axes, values: np.ndarray) -> None:
     else:
         bins, margin = min(40, max(8, round(len(values) ** 0.5))), 0.0
     ax.hist(values, bins, range=(values[0] - margin, values[-1] + margin), color=COLOURS[0], alpha=0.85)
-    for share, style in ((0.5, "-"), (0.95, "--")):
-        ax.axvline(float(np.quantile(values, share)), color=INK, ls=style, lw=1)
+    for at, style in ((float(np.median(values)), "-"), (not_exceeded(values, 0.95), "--")):
+        ax.axvline(at, color=INK, ls=style, lw=1)
     ax.set_ylabel("cases", fontsize=8)
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _curves(ax: Axes, parts: Mapping[str, np.ndarray]) -> None:

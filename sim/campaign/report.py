@@ -60,8 +60,9 @@ def quantiles(table: pl.DataFrame, names: Sequence[str]) -> ScoreTable:
         if not len(values):
             rows.append((name, "0", *["-"] * 7))
             continue
-        five = np.quantile(values, [0.0, 0.05, 0.5, 0.95, 1.0])
-        statistics = (values.mean(), values.std(ddof=1) if len(values) > 1 else np.nan, *five)
+        five, most = (pictures.not_exceeded(values, share) for share in (0.05, 0.95))
+        ends = (values.min(), five, np.median(values), most, values.max())
+        statistics = (values.mean(), values.std(ddof=1) if len(values) > 1 else np.nan, *ends)
         rows.append((name, str(len(values)), *(f"{v:.4g}" if np.isfinite(v) else "-" for v in statistics)))
     return ScoreTable(("figure", "cases", "mean", "sd", "least", "5 %", "median", "95 %", "most"), tuple(rows))
 
@@ -136,9 +137,9 @@ def by_part(parts: Mapping[str, pl.DataFrame], names: Sequence[str]) -> ScoreTab
         for table in parts.values():
             values = _numbers(table, name)
             values = values[np.isfinite(values)]
-            median, most = np.quantile(values, [0.5, 0.95]) if len(values) else (np.nan, np.nan)
             many = f" n={len(values)}" if len(values) < table.height else ""
-            cells.append(f"{median:.3g} ({most:.3g}){many}" if len(values) else "-")
+            most = pictures.not_exceeded(values, 0.95) if len(values) else np.nan
+            cells.append(f"{np.median(values):.3g} ({most:.3g}){many}" if len(values) else "-")
         rows.append((name, *cells))
     return ScoreTable(("figure", *parts), tuple(rows))
 
@@ -152,7 +153,7 @@ def _state(campaign: Campaign, cases: Sequence[Case], outcomes: Mapping[str, Cas
     if done:
         seconds = np.array([o.seconds for o in done])
         lines.append(f"One case took {np.median(seconds):.1f} s (median), all of them {seconds.sum() / 3600:.2f} h of "
-                     f"one core; {len({o.worker for o in done})} processes took part.")  # fmt: skip
+                     f"one core; processes that took part: {len({o.worker for o in done})}.")  # fmt: skip
     if how := ended(table):
         lines.append(how)
     return Section("What was run", tuple(lines), look=bool(failed) or len(ran) < len(cases))

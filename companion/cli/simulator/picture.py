@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -33,16 +35,19 @@ def draw(score: DemoScore, settings: PilotSettings, path: Path) -> None:
         for ax in axes:
             ax.set_xlim(0, score.track.t_s[-1] - score.track.t_s[0])
         axes[-1].set_xlabel("time since driving began [s]")
-        figure.suptitle(_headline(score), x=0.01, ha="left", fontsize=10)
+        figure.suptitle(headline(score.figures), x=0.01, ha="left", fontsize=10)
         figure.savefig(path, dpi=110)
 
 
-def _headline(score: DemoScore) -> str:
-    f = score.figures
-    return (
-        f"{f['waypoints_passed']} of {f['waypoints_total']} waypoints, cross-track {f['cross_track_rms_m']:.2f} m rms, "
-        f"position estimate {f['position_rmse_m']:.2f} m rms, NMPC {f['nmpc_p50_ms']:.1f} ms median"
-    )
+def headline(figures: Mapping[str, float]) -> str:
+    """The run in one line; what was not measured (NaN) is left out."""
+    said = {
+        "cross_track_rms_m": "cross-track {:.2f} m rms",
+        "position_rmse_m": "position estimate {:.2f} m rms",
+        "nmpc_p50_ms": "NMPC {:.1f} ms median",
+    }
+    known = (text.format(figures[name]) for name, text in said.items() if math.isfinite(figures[name]))
+    return ", ".join([f"{figures['waypoints_passed']} of {figures['waypoints_total']} waypoints", *known])
 
 
 def _track(ax: Any, score: DemoScore, settings: PilotSettings) -> None:

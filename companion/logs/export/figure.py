@@ -164,9 +164,9 @@ def _thin(axes: Axes) -> None:
 def _yaw_rate(axes: Axes, series: Series) -> None:
     estimate, truth = series[StateEstimate], series[GroundTruth]
     if len(estimate):
-        axes.plot(estimate.t_s, np.degrees(estimate["r_rad_s"]), color=BLUE, label=r"$\hat r$")
+        axes.plot(estimate.t_s, np.degrees(estimate.line("r_rad_s")), color=BLUE, label=r"$\hat r$")
     if len(truth):
-        axes.plot(truth.t_s, np.degrees(truth["r_rad_s"]), color=VERMILION, lw=0.7, label="$r$")
+        axes.plot(truth.t_s, np.degrees(truth.line("r_rad_s")), color=VERMILION, lw=0.7, label="$r$")
 
 
 def _keep_legends_inside(drawn: Figure) -> None:

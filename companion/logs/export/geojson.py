@@ -33,10 +33,8 @@ from companion.core.messages import (
 from companion.logs.configuration import setup_in, zero_ns_of
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.metadata import site_in
-from companion.logs.series import KNOWN
+from companion.logs.series import GAP_S, KNOWN
 
-GAP_S = 1.0
-"""Estimates further apart are not joined by a line: ten are missing."""
 DECIMALS = 8
 Place = tuple[float, float]
 Feature = dict[str, Any]

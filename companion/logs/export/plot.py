@@ -27,7 +27,7 @@ from companion.core.messages import (
     Tick,
 )
 from companion.logs.log_file import LogError, LogFile
-from companion.logs.series import Series, collect
+from companion.logs.series import Series, broken, collect
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#000000", "#8C8C8C"
@@ -100,7 +100,7 @@ def draw(figure: Figure, series: Series, title: str) -> None:
                 axes.set_xlabel("time since start of log [s]")
         cross_track(left, series)
         left.set_xlim(0.0, max(series.duration_s, 1e-3))
-        figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
+        figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left", parse_math=False)
         _part_legends_from_titles(figure)
 
 
@@ -130,16 +130,18 @@ def track(axes: Axes, series: Series) -> None:
     if len(reference):
         driven = np.array([phase != "idle" for phase in series.phases])
         axes.plot(
-            np.where(driven, reference["east_ref_m"], np.nan),
-            np.where(driven, reference["north_ref_m"], np.nan),
+            np.where(driven, reference.line("east_ref_m"), np.nan),
+            np.where(driven, reference.line("north_ref_m"), np.nan),
             "--", color=BLACK, lw=1.0, label="path reference",
         )  # fmt: skip
     if len(truth):
-        axes.plot(truth["east_m"], truth["north_m"], color=VERMILION, lw=2.6, alpha=0.55, label="ground truth")
+        axes.plot(
+            truth.line("east_m"), truth.line("north_m"), color=VERMILION, lw=2.6, alpha=0.55, label="ground truth"
+        )
     known = np.flatnonzero(np.isfinite(estimate["north_m"]))
     if len(known):
         east, north, psi = estimate["east_m"], estimate["north_m"], estimate["psi_rad"]
-        axes.plot(east, north, color=BLUE, label="estimate")
+        axes.plot(estimate.line("east_m"), estimate.line("north_m"), color=BLUE, label="estimate")
         axes.plot(east[known[0]], north[known[0]], "o", color=GREEN, ms=8, label="start")
         axes.plot(east[known[-1]], north[known[-1]], "s", color=BLUE, ms=7, label="end")
         some = known[:: max(len(known) // 20, 1)]
@@ -160,7 +162,7 @@ def cross_track(axes: Axes, series: Series) -> None:
         error = np.where(on_leg, reference["y_e_m"], np.nan)
         rms = f"RMS {np.sqrt(np.nanmean(error**2)):.3f} m" if on_leg.any() else "no leg driven"
         axes.axhline(0.0, color=BLACK, lw=0.7)
-        axes.plot(reference.t_s, error, color=BLUE, label=f"on legs, by estimate: {rms}")
+        axes.plot(reference.t_s, broken(reference.t_s, error), color=BLUE, label=f"on legs, by estimate: {rms}")
     _legend(axes)
 
 
@@ -169,11 +171,11 @@ def heading(axes: Axes, series: Series) -> None:
     axes.set(title="Heading", ylabel="psi [deg]")
     reference, estimate, truth = series[GuidanceReference], series[StateEstimate], series[GroundTruth]
     if len(truth):
-        axes.plot(truth.t_s, _degrees(truth["psi_rad"]), color=VERMILION, lw=2.6, alpha=0.55, label="truth")
+        axes.plot(truth.t_s, _degrees(truth.line("psi_rad")), color=VERMILION, lw=2.6, alpha=0.55, label="truth")
     if len(estimate):
-        axes.plot(estimate.t_s, _degrees(estimate["psi_rad"]), color=BLUE, label="estimate")
+        axes.plot(estimate.t_s, _degrees(estimate.line("psi_rad")), color=BLUE, label="estimate")
     if len(reference):
-        axes.plot(reference.t_s, _degrees(reference["psi_ref_rad"]), "--", color=BLACK, lw=1, label="reference")
+        axes.plot(reference.t_s, _degrees(reference.line("psi_ref_rad")), "--", color=BLACK, lw=1, label="reference")
     axes.set_yticks((-180, -90, 0, 90, 180))
     _legend(axes)
 
@@ -184,13 +186,13 @@ def speeds(axes: Axes, series: Series) -> None:
     reference, estimate, truth = series[GuidanceReference], series[StateEstimate], series[GroundTruth]
     for name, light, dark, say in (("u_m_s", SKY, BLUE, "surge u"), ("v_m_s", ORANGE, VERMILION, "sway v")):
         if len(estimate):
-            axes.plot(estimate.t_s, estimate[name], color=light, label=f"{say}, estimate")
+            axes.plot(estimate.t_s, estimate.line(name), color=light, label=f"{say}, estimate")
         if len(truth):
-            axes.plot(truth.t_s, truth[name], color=dark, lw=1.0, label=f"{say}, truth")
+            axes.plot(truth.t_s, truth.line(name), color=dark, lw=1.0, label=f"{say}, truth")
     if len(reference):
         axes.step(
             reference.t_s,
-            reference["u_ref_m_s"],
+            reference.line("u_ref_m_s"),
             "--",
             where="post",
             color=BLACK,
@@ -204,17 +206,18 @@ def pwm(axes: Axes, series: Series) -> None:
     """Pulse widths of the thrusters; shaded where a rung below the plan made them."""
     axes.set(title="Thruster PWM", ylabel="[us]")
     axes.axhline(NEUTRAL_US, color=BLACK, lw=0.7)
-    for column, pwm_us in enumerate(series.pwm_us.T):
+    for column, pwm_us in enumerate(broken(series.lease_t_s, series.pwm_us).T):
         label = series.thrusters[column] if column < len(series.thrusters) else f"thruster {column + 1}"
         colour = CYCLE[column % len(CYCLE)]
         axes.step(series.lease_t_s, pwm_us, where="post", color=colour, lw=1.0, label=label)
     sources = np.array(series.sources)
+    lasts = np.isfinite(broken(series.lease_t_s, np.zeros(len(sources))))
     for source, colour in SOURCES.items():
-        count = int((sources == source).sum())
-        if count:
+        made = sources == source
+        if count := int(made.sum()):
             edges = axes.get_xaxis_transform()
             axes.fill_between(
-                series.lease_t_s, 0, 1, where=(sources == source).tolist(), step="post",
+                series.lease_t_s, 0, 1, where=(made & lasts).tolist(), step="post",
                 transform=edges, color=colour, alpha=0.45, lw=0, label=f"fallback {source}: {count}",
             )  # fmt: skip
     _legend(axes)
@@ -247,13 +250,18 @@ def _timing(axes: Axes, series: Series) -> None:
         (ticks.t_s, ticks["lateness_ns"] / 1e6, BLUE, "tick lateness"),
     ):
         if len(values):
-            label = f"{say}: p99 {np.percentile(values, 99):.2g}, max {values.max():.2g}"
+            label = f"{say}: p99 {_two_digits(np.percentile(values, 99))}, max {_two_digits(values.max())}"
             axes.plot(t_s, values, ".", ms=3, color=colour, label=label)
             drawn = True
     if drawn:
         axes.set_yscale("symlog", linthresh=0.1)
         axes.set_ylim(bottom=0.0)
     _legend(axes)
+
+
+def _two_digits(value: float) -> str:
+    """Two significant digits, without an exponent: 0.42, 12, 250."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def _part_legends_from_titles(figure: Figure) -> None:

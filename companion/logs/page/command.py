@@ -68,8 +68,8 @@ def _run(args: argparse.Namespace) -> int:
     out = args.out or args.log.with_suffix(".html")
     new_file(out)
     with console.status(f"reading {args.log}") as status:
-        duration_s = _duration_s(log)
-        rate_hz = args.rate or view.rate_of(duration_s)
+        length_s = duration_s(log)
+        rate_hz = args.rate or view.rate_of(length_s)
         samples = view.samples(log, rate_hz)
         overlay, zero_ns = None, 0
         if not args.no_ghosts:
@@ -80,15 +80,20 @@ def _run(args: argparse.Namespace) -> int:
         with making(out):
             out.write_bytes(written)
     ghosts = ", ".join(g.name for g in overlay.ghosts) if overlay else "none"
-    size = f"{len(written) / 1e6:.1f} MB, {duration_s:.0f} s at {rate_hz:.2g} Hz, ghosts: {ghosts}"
+    size = f"{len(written) / 1e6:.1f} MB, {length_s:.0f} s at {rate_hz:.2g} Hz, ghosts: {ghosts}"
     for line in (f"wrote {out}: {size}", *log.damage):
         console.print(line, soft_wrap=True, highlight=False, markup=False)
     return DAMAGED if log.damage else OK
 
 
-def _duration_s(log: LogFile) -> float:
-    times = [entry.publish_time_ns for entry in log.entries()]
-    return (max(times) - min(times)) * 1e-9 if times else 0.0
+def duration_s(log: LogFile) -> float:
+    """From the first message to the last [s]."""
+    begin_ns = end_ns = None
+    for entry in log.entries():  # not kept: ten hours have 24 million
+        t_ns = entry.publish_time_ns
+        begin_ns = t_ns if begin_ns is None else min(begin_ns, t_ns)
+        end_ns = t_ns if end_ns is None else max(end_ns, t_ns)
+    return 0.0 if begin_ns is None or end_ns is None else (end_ns - begin_ns) * 1e-9
 
 
 def _overlay(log: LogFile, args: argparse.Namespace, say: Callable[[str, float], None]) -> tuple[Overlay, int]:

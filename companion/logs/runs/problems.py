@@ -62,7 +62,7 @@ def problem_sentences(found: Mapping[str, Sequence[LogProblem]], kinds: Collecti
         for kind in kinds:
             if mine := [p for p in ones if p.kind == kind]:
                 more = f" (and {len(mine) - 1} more)" if len(mine) > 1 else ""
-                lines.append(f"{log}: {kind}: {mine[0].text}{more}.")
+                lines.append(f"{log}: {kind}: {mine[0].text.removeprefix(f'{log}: ')}{more}.")
     return lines
 
 

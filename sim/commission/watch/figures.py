@@ -32,7 +32,7 @@ def courses(course: BoatCourse, vessel: VesselFile) -> Figure:
         _panel(ax, course, lines, 0.0 if title.startswith("dead") else 100.0)
         ax.set_ylabel(title)
     figure.axes[-1].set_xlabel("mission")
-    figure.axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    figure.axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     return figure
 
 
@@ -46,7 +46,7 @@ def gains(course: BoatCourse) -> Figure:
     told = threshold_nats(len(course.watched.causes))
     ax.axhline(told, color=COLOURS[1], ls="--", lw=1, label=f"told from {told:.1f} nats on")
     ax.axhline(0, color=INK, lw=0.8)
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     ax.set(xlabel="mission", ylabel="nats", yscale="symlog", xlim=(0.4, len(at) + 0.6))
     ax.legend(fontsize=8)
     return figure

@@ -35,6 +35,7 @@ MARK = "# Made anew by `aritra watch`; sha256 of all below this line: "
 class MissionEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One log: its file, SHA-256 of file and data, begin [Unix s], duration [s], and what it says of the boat.
 
+    `begin_by_file`: the log does not say when it began: it is the time of its file, less the duration.
     `marks`: fingerprint of its positions; none in entries that older versions wrote.
     `doubts`: problems of the log that can bias what it says, in sentences.
     """
@@ -53,6 +54,7 @@ class MissionEntry(msgspec.Struct, frozen=True, kw_only=True):
     thrust: tuple[float, float, float]
     marks: tuple[int, ...] = ()
     doubts: tuple[str, ...] = ()
+    begin_by_file: bool = False
 
     def information(self) -> MissionInformation:
         """What the log says."""

@@ -35,7 +35,7 @@ from sim.commission.watch.history import (
 from sim.commission.watch.mission_fit import boat_effects, mission_information
 from sim.commission.watch.page import history_page
 from sim.commission.watch.proposal import proposed_text
-from sim.commission.watch.sentences import when
+from sim.commission.watch.sentences import counted, when
 from sim.fitting.diagnose.preparation.swapped_columns import reject_swapped_columns
 from sim.whole_file import write_whole
 
@@ -121,7 +121,7 @@ def accept(history: History) -> Path:
 def proposal(history: History, found: BoatCourse) -> str:
     """The proposed vessel file as text."""
     last = history.entries[-1]
-    note = f"watched over {len(history.entries)} missions up to {when(last)}"
+    note = f"watched over {counted(len(history.entries), 'mission')} up to {when(last)}"
     return proposed_text(history.vessel, found.missions[-1].belief.mean, note)
 
 
@@ -160,7 +160,7 @@ def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | st
     marks = fingerprint(run)
     if other := history.overlapping(marks):
         return f"{path}: one recording with {other}, which is in the history: not taken in again"
-    begin_s = _begin_unix_s(path, run, history.vessel.name)
+    begin_s, by_file = _begin_unix_s(path, run, history.vessel.name)
     reject_swapped_columns(run)
     found = mission_information(run, history.vessel)
     if not np.isfinite(found.precision).all() or not np.isfinite(found.eta).all():
@@ -169,12 +169,12 @@ def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | st
         log=str(path), file_sha256=content, data_sha256=run.data_hash, begin_unix_s=begin_s, duration_s=run.duration_s,
         names=found.names, precision=found.precision.tolist(), eta=found.eta.tolist(), day=dict(found.day),
         latent=found.latent, thrust=found.thrust, marks=tuple(marks.tolist()),
-        doubts=tuple(problem_sentences({str(path): problems(run)})),
+        doubts=tuple(problem_sentences({str(path): problems(run)})), begin_by_file=by_file,
     )  # fmt: skip
 
 
-def _begin_unix_s(path: Path, run: Run, name: str) -> float:
-    """Begin of a log by its wall clock; where it has none, by the time of its file less its duration.
+def _begin_unix_s(path: Path, run: Run, name: str) -> tuple[float, bool]:
+    """Begin of a log by its wall clock; where it has none, by the time of its file less its duration, and whether so.
 
     ValueError where a log of ours is of another boat.
     """
@@ -184,10 +184,10 @@ def _begin_unix_s(path: Path, run: Run, name: str) -> float:
         if own != name:
             raise ValueError(f"is of the boat {own}, the history is of {name}")
         if log.wall_offset_ns:
-            return (run.meta.zero_ns + log.wall_offset_ns) * 1e-9
+            return (run.meta.zero_ns + log.wall_offset_ns) * 1e-9, False
     elif "Unix" in run.meta.clock:
-        return run.meta.zero_ns * 1e-9
-    return path.stat().st_mtime - run.duration_s
+        return run.meta.zero_ns * 1e-9, False
+    return path.stat().st_mtime - run.duration_s, True
 
 
 def _why(path: Path, error: Exception) -> str:

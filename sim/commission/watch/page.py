@@ -7,7 +7,7 @@ from pathlib import PurePath
 from sim.commission.watch.course import BoatCourse, threshold_nats
 from sim.commission.watch.figures import courses, gains
 from sim.commission.watch.history import History
-from sim.commission.watch.sentences import change_sentence, proposal_sentences, when
+from sim.commission.watch.sentences import change_sentence, counted, proposal_sentences, when
 from sim.fitting.validate.report import Section, page
 from sim.fitting.validate.table import ScoreTable
 
@@ -18,7 +18,7 @@ def history_page(history: History, course: BoatCourse, since: int, in_force: str
     """The page as text; `since`: first mission (index) of the vessel file `in_force`."""
     told = tuple(change_sentence(change, history.entries) for change in course.changes)
     doubts = tuple(doubt for entry in history.entries for doubt in entry.doubts)
-    nothing = (f"Nothing has changed that {len(course.missions)} missions can show.",)
+    nothing = (f"Nothing has changed that {counted(len(course.missions), 'mission')} can show.",)
     sections = [
         Section("Changes", told or nothing, look=bool(told)),
         Section(
@@ -54,7 +54,7 @@ def _missions(history: History, course: BoatCourse) -> ScoreTable:
         north, east = (entry.day.get(f"current.{axis}_m_s", 0.0) for axis in ("north", "east"))
         nats, name = mission.best
         rows.append(
-            (str(i), when(entry), PurePath(entry.log).name, f"{(north**2 + east**2) ** 0.5:.2f}",
+            (str(i), when(entry), str(PurePath(*PurePath(entry.log).parts[-2:])), f"{(north**2 + east**2) ** 0.5:.2f}",
              f"{100 * mission.unexplained:.0f}", f"{mission.scale:.1f}", f"{mission.gain_nats:+.1f}", f"{nats:.1f}",
              name if nats > 0 else ""),
         )  # fmt: skip

@@ -13,8 +13,14 @@ WORTH_NATS = 3.0
 
 
 def when(entry: MissionEntry) -> str:
-    """Date and time of a log's begin, UTC."""
-    return datetime.fromtimestamp(entry.begin_unix_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+    """Date and time of a log's begin, UTC; whether only the time of its file says so."""
+    by_file = ", by its file" if entry.begin_by_file else ""
+    return datetime.fromtimestamp(entry.begin_unix_s, UTC).strftime("%Y-%m-%d %H:%M UTC") + by_file
+
+
+def counted(number: int, thing: str) -> str:
+    """So many of a thing, in words."""
+    return f"{number} {thing}{'s' * (number != 1)}"
 
 
 def change_sentence(change: ToldChange, entries: Sequence[MissionEntry]) -> str:
@@ -56,7 +62,7 @@ def proposal_sentences(course: BoatCourse, since: int) -> list[str]:
     verdict = "better than" if total > WORTH_NATS else "worse than" if total < -WORTH_NATS else "as good as"
     return [
         f"The proposed file is {verdict} the one in force. Each mission was predicted before it was learned: "
-        f"{total:+.1f} nats in {len(judged)} missions, better in {sum(g > 0 for g in judged)} of them, "
+        f"{total:+.1f} nats in {counted(len(judged), 'mission')}, better in {sum(g > 0 for g in judged)} of them, "
         f"{judged[-1]:+.1f} in the newest."
     ]
 

@@ -15,9 +15,9 @@ from matplotlib.patches import Circle
 from companion.core.excitation.file import Excitation
 from companion.core.excitation.pen import Pen
 from companion.core.messages import ExcitationStatus, GroundTruth
+from sim.fitting.validate.figures import COLOURS
 
 FAINT, HOME = "#999999", "#bbbbbb"
-AXES = ("#0072b2", "#d55e00", "#009e73")
 MAP = "tab20"
 
 
@@ -61,14 +61,15 @@ def draw_flight(
         grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1))
         _track(figure.add_subplot(grid[:, 0]), flight, excitation, pen, colour)
         axes = [figure.add_subplot(grid[row, 1]) for row in range(3)]
-        for column, (label, tint) in enumerate(zip(("u [m/s]", "v [m/s]"), AXES, strict=False)):
+        for column, (label, tint) in enumerate(zip(("u [m/s]", "v [m/s]"), COLOURS, strict=False)):
             axes[0].plot(flight.t_s, flight.x[:, 3 + column], color=tint, lw=0.9, label=label)
-        axes[1].plot(flight.t_s, flight.x[:, 5], color=AXES[2], lw=0.9, label="r [rad/s]")
+        axes[1].plot(flight.t_s, flight.x[:, 5], color=COLOURS[2], lw=0.9, label="r [rad/s]")
         for i, name in enumerate(thrusters):
-            axes[2].plot(flight.t_s, flight.f_n[:, i], lw=0.7, label=f"{name} [N]")
+            tint = COLOURS[i % len(COLOURS)]
+            axes[2].plot(flight.t_s, flight.f_n[:, i], lw=0.7, color=tint, label=f"{name} [N]")
         for ax in axes:
             _bands(ax, flight, colour)
-            ax.legend(fontsize=6, ncols=4, loc="upper right")
+            ax.legend(fontsize=7, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
             ax.set_xlim(0, flight.t_s[-1])
         axes[-1].set_xlabel("time [s]")
         figure.suptitle(title, x=0.01, ha="left", fontsize=10)
@@ -92,7 +93,7 @@ def _track(ax: Any, flight: FlightTrace, excitation: Excitation, pen: Pen, colou
     ax.set_aspect("equal")
     ax.set_xlabel("east [m]")
     ax.set_ylabel("north [m]")
-    ax.legend(fontsize=6.5, loc="upper left", bbox_to_anchor=(0.0, -0.06), ncols=4, frameon=False)
+    ax.figure.legend(*ax.get_legend_handles_labels(), fontsize=7, loc="outside lower left", ncols=6, frameon=False)
 
 
 def _bands(ax: Any, flight: FlightTrace, colour: Sequence[Any]) -> None:

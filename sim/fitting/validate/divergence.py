@@ -10,7 +10,7 @@ import numpy as np
 from sim.fitting.engine.smoothing import RATE_HZ
 from sim.fitting.validate.protocol import Simulator
 from sim.fitting.validate.scores import SpeedBox, errors, simulated
-from sim.fitting.validate.table import ScoreTable
+from sim.fitting.validate.table import ScoreTable, percent
 from sim.fitting.validate.windows import HeldOutWindows
 
 
@@ -56,7 +56,7 @@ def divergence_table(departures: Sequence[Departure], horizons_s: Sequence[int] 
     rows = []
     for d in departures:
         cells = [
-            f"{d.position_m[h - 1, 1]:.2f} m, {100 * d.diverged[h - 1]:.0f} %" if h <= len(d.t_s) else "-"
+            f"{d.position_m[h - 1, 1]:.2f} m, {percent(d.diverged[h - 1])}" if h <= len(d.t_s) else "-"
             for h in horizons_s
         ]
         rows.append((d.name, *cells))

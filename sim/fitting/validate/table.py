@@ -79,11 +79,18 @@ def stability_rows(validation: Validation) -> list[Row]:
     """Shares of runs that diverge or come to rest."""
     stable = validation.stabilities
     return [
-        ("runs diverged by the end", *(f"{100 * s.diverged[-1]:.0f} %" for s in validation.scores)),
-        ("random thrust: runs that diverge", *(f"{100 * s.driven_diverged:.0f} %" for s in stable)),
-        ("no thrust: runs that diverge", *(f"{100 * s.free_diverged:.0f} %" for s in stable)),
-        ("no thrust: runs that come to rest", *(f"{100 * s.free_at_rest:.0f} %" for s in stable)),
+        ("runs diverged by the end", *(percent(s.diverged[-1]) for s in validation.scores)),
+        ("random thrust: runs that diverge", *(percent(s.driven_diverged) for s in stable)),
+        ("no thrust: runs that diverge", *(percent(s.free_diverged) for s in stable)),
+        ("no thrust: runs that come to rest", *(percent(s.free_at_rest) for s in stable)),
     ]
+
+
+def percent(share: float) -> str:
+    """Whole per cent; neither some are told as none, nor nearly all as all."""
+    if 0 < share <= 0.005:
+        return "under 1 %"
+    return "over 99 %" if 0.995 <= share < 1 else f"{100 * share:.0f} %"
 
 
 def _bold_least(values: Sequence[float]) -> list[str]:
@@ -132,8 +139,8 @@ def sentences(validation: Validation) -> list[str]:
     for s, stable in zip(validation.scores, validation.stabilities, strict=True):
         if s.name not in BASELINE_NAMES and (s.diverged[-1] or stable.driven_diverged or stable.free_at_rest < 1):
             lines.append(
-                f"{s.name}: {100 * s.diverged[-1]:.0f} % of the held-out runs and {100 * stable.driven_diverged:.0f} % "
-                f"of runs under random thrust diverge; without thrust {100 * stable.free_at_rest:.0f} % come to rest "
+                f"{s.name}: {percent(s.diverged[-1])} of the held-out runs and {percent(stable.driven_diverged)} "
+                f"of runs under random thrust diverge; without thrust {percent(stable.free_at_rest)} come to rest "
                 f"within a minute (a boat always does)."
             )
     coloured = [s.name for s in models if any(white.p < 0.01 for white in s.white.values())]

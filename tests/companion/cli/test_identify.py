@@ -205,6 +205,7 @@ def test_alternate_blocks_without_the_series_and_what_must_be_looked_at(tmp_path
     assert exit_code(path, "--vessel", FILE, "--out", out, "--block", "20", "--no-taylor") == 1
     told = " ".join(capsys.readouterr().out.split())
     assert "look: " in told and "edited" in told
+    assert "[m] [rad] [m/s] [m/s] [rad/s] [%]" in told
     assert sorted(p.name for p in out.iterdir()) == ["identify.json", "report.html", "vessel.toml"]
     found = msgspec.json.decode((out / "identify.json").read_bytes(), type=Record)
     assert found.series == () and found.pysindy is None and len(found.logs[0].held_out_s) == 2

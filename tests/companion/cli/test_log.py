@@ -29,6 +29,14 @@ def test_info_tells_people_what_is_in_the_log(drive_log, capsys, monkeypatch):
         assert wanted in out
 
 
+def test_damage_of_the_truth_is_told_with_a_picture_and_counts(drive_log, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("companion.logs.export.plot.plot", lambda _log, _out, truth: list(truth.messages()))
+    whole, truth = drive_log(5.0), tmp_path / "simulator.mcap"
+    truth.write_bytes(whole.read_bytes()[:-20_000])
+    assert run("plot", whole, "--truth", truth) == log.DAMAGED
+    assert str(truth) in capsys.readouterr().out
+
+
 def test_info_tells_scripts_the_same(drive_log, capsys):
     assert run("info", "--json", drive_log(10.0)) == log.OK
     summary = json.loads(capsys.readouterr().out)

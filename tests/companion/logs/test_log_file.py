@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from companion.boat.recorder import Recorder
 from companion.core.messages import Battery, Message, Tick
-from companion.logs.log_file import LogEntry, LogError, LogFile
+from companion.logs.log_file import LogEntry, LogError, LogFile, open_truth
 from companion.logs.part import ChannelInfo, LogItem, LogPart
 from companion.logs.schema import KINDS, RawBytes, viewer_schema
 
@@ -158,6 +158,16 @@ def _write(path: Path, *items: tuple[str, bytes]) -> None:
     for number, (topic, data) in enumerate(items):
         part.add(LogItem(ChannelInfo(topic, "any", viewer_schema(Tick, "any")), number, 0, 0, data))
     part.finish()
+
+
+def test_a_truth_of_another_version_is_told_from_a_log_without_any(tmp_path):
+    path, boat = tmp_path / "truth.mcap", tmp_path / "boat.mcap"
+    _write(path, ("/ground_truth", b'{"t_ns":1}'), ("/ground_truth", b'{"t_ns":2}'))
+    _write(boat, ("/tick", b'{"t_ns":1,"index":2}'))
+    with pytest.raises(LogError, match=r"no ground truth that this version can read; .*/ground_truth: 2 messages do"):
+        open_truth(path, LogFile(boat))
+    with pytest.raises(LogError, match="no ground truth; expected the simulator's own log"):
+        open_truth(boat, LogFile(boat))
 
 
 def test_unknown_topics_and_undecodable_messages_are_counted_not_fatal(tmp_path):

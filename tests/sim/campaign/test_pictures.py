@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.campaign.pictures import distributions
+from sim.campaign.pictures import counts, distributions, not_exceeded
 
 ONE = 1 / 3
 
@@ -25,6 +25,25 @@ def test_values_that_differ_by_round_off_are_one_bar(values):
     drawn = distributions({"all cases": {"off": np.array(values * 10)}}, ["off"])
     assert [bar.get_height() for bar in drawn.axes[0].patches] == [len(values) * 10]
     drawn.canvas.draw()
+
+
+@pytest.mark.parametrize(("n", "least"), [(3, 3), (9, 9), (19, 19), (20, 19), (100, 95)])
+def test_what_95_percent_do_not_exceed_is_not_exceeded_by_more(n, least):
+    """Between the two largest of nine there is a value that one in nine exceeds."""
+    values = np.arange(1.0, n + 1)
+    assert not_exceeded(values, 0.95) == least
+    drawn = distributions({"all cases": {"off": values}}, ["off"])
+    assert n < 8 or drawn.axes[0].get_lines()[-1].get_xdata()[0] == least
+
+
+def test_cases_are_whole_numbers_on_their_axis():
+    ticks = distributions({"all cases": {"off": np.arange(9.0)}}, ["off"]).axes[0].get_yticks()
+    assert ticks.tolist() == np.round(ticks).tolist()
+
+
+def test_no_two_parts_of_a_grid_look_alike_as_bars():
+    bars = counts({f"wind {k}": {"named": 1} for k in range(12)}).axes[0].patches
+    assert len({(bar.get_facecolor(), bar.get_hatch()) for bar in bars}) == len(bars) == 12
 
 
 def test_values_that_differ_have_more_bars():

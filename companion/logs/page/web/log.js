@@ -5,7 +5,7 @@ import { History } from "./history.js";
 import { BoatMap } from "./map.js";
 import { make, showAlerts, showFigures, showLinks, showMode, showThrusters } from "./panels.js";
 import { PANELS, Plots } from "./plots.js";
-import { clock } from "./words.js";
+import { clock, clockOptions } from "./words.js";
 
 const SPEEDS = [0.5, 1, 2, 5, 10, 30, 100];
 const WINDOWS = [["all of the log", Infinity], ["5 min", 300], ["1 min", 60], ["20 s", 20]];
@@ -16,6 +16,9 @@ const GHOST_COLOURS = ["var(--plot-3)", "var(--plot-5)"]; // those that the plot
 const BOAT_COLOUR = "var(--boat)";
 const OFF = { id: "off", title: "Distance from simulation", unit: "m", digits: 2, min_span: 0.2,
   lines: (about) => (about ? [] : [{ label: "distance", topic: "state", value: (s) => s.off_m }]) };
+
+// As in the page's head: it may be read anywhere.
+Object.assign(clockOptions, { timeZone: "UTC", timeZoneName: "short", hour: "2-digit", minute: "2-digit", second: "2-digit" });
 
 const $ = (id) => document.getElementById(id);
 

@@ -46,8 +46,11 @@ export function modeWords(mode) {
   return mode ? (MODES[mode.mode] ?? [mode.mode, "waits"]) : ["Mode unknown", "unknown"];
 }
 
+/** How times of day are written: those of the person who looks, but for pages that say otherwise. */
+export const clockOptions = {};
+
 /** Time of day of an instant on the boat's clock, as the boat believes it; without the offset: seconds. */
 export function clock(t_ns, unix_minus_t_ns) {
   if (!unix_minus_t_ns) return `${(t_ns * 1e-9).toFixed(1)} s`;
-  return new Date((t_ns + unix_minus_t_ns) * 1e-6).toLocaleTimeString("en-GB");
+  return new Date((t_ns + unix_minus_t_ns) * 1e-6).toLocaleTimeString("en-GB", clockOptions);
 }

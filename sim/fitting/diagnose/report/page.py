@@ -262,7 +262,10 @@ def _noise(diagnosis: Diagnosis) -> Section:
     ]
     latent = [("with the causes", final.latent), ("refitted base", diagnosis.refit.noise.latent)]
     latent += [("reference log", diagnosis.ambient.latent)] if diagnosis.ambient else []
-    more = tuple((f"latent acceleration, {n}", ", ".join(f"{v:.2g}" for v in values), "") for n, values in latent)
+    more = tuple(
+        (f"latent acceleration [m/s^2, m/s^2, rad/s^2], {n}", ", ".join(f"{v:.2g}" for v in values), "")
+        for n, values in latent
+    )
     remarks = (
         () if diagnosis.ambient else ("No reference log: ambient noise is what the model with its causes leaves over.",)
     )

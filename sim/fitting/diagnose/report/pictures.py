@@ -19,7 +19,7 @@ LABELS = {"base": "as given", "refit": "refitted", "extended": "with the causes"
 FORCES = ("X [N]", "Y [N]", "N [N m]")
 BINS, SECTORS = 12, 16
 MEAN, CHANGE = "residual force, mean and 2 sigma of it", "what the causes change, mean"
-GRID = {"left": 0.06, "right": 0.99, "bottom": 0.1, "top": 0.92, "wspace": 0.1, "hspace": 0.12}
+GRID = {"left": 0.08, "right": 0.99, "bottom": 0.1, "top": 0.92, "wspace": 0.1, "hspace": 0.12}
 """Fixed margins: a layout engine takes most of the time of a figure with many axes."""
 LEAST_IN_BIN = 4
 CELLS_M = (0.5, 1.0, 2.0)
@@ -41,7 +41,8 @@ def over_time(before: ResidualForces, after: ResidualForces) -> Figure:
                 ax.plot(t, f, color=colour, lw=0.9, label=label if n == 0 else None)
         ax.axhline(0, color=INK, lw=0.6)
         ax.set_ylabel(FORCES[i])
-        ax.set_ylim(*_axis_limits(np.concatenate([before.force[:, i], after.force[:, i]])))
+        ends = [r.force[:, i] + side * r.sigma[:, i] for r in (before, after) for side in (-2, 2)]
+        ax.set_ylim(*_axis_limits(np.concatenate(ends)))
     axes[-1].set_xlabel("t [min], all logs on one clock")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="upper center", ncols=2)
     return figure

@@ -42,7 +42,7 @@ def parameter_table(result: FitResult, model: VesselFile, settings: FitSettings)
                 f"{_digits(p.ci95[0])} to {_digits(p.ci95[1])}",
                 p.unit,
                 _digits(believed),
-                ("**{}**" if outside else "{}").format(f"{band[0]:.2g} to {band[1]:.2g}") if band else "",
+                ("**{}**" if outside else "{}").format(band_text(band)) if band else "",
                 "" if prime is None else _digits(prime),
                 share,
                 "held at the file's value" if p.name in result.held else "yes" if p.determined else "**no**",
@@ -60,6 +60,11 @@ def parameter_table(result: FitResult, model: VesselFile, settings: FitSettings)
         "determined",
     )
     return ScoreTable(head, tuple(rows))
+
+
+def band_text(band: tuple[float, float]) -> str:
+    """Ends with two digits, without an exponent: 40 to 220."""
+    return " to ".join(f"{float(f'{end:.2g}'):g}" for end in band)
 
 
 def _digits(value: float) -> str:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -18,7 +19,7 @@ from companion.core.messages import (
     StateEstimate,
     Tick,
 )
-from companion.logs.export.plot import draw
+from companion.logs.export.plot import draw, heading, pwm, track
 from companion.logs.log_file import LogFile
 from companion.logs.series import collect
 
@@ -125,6 +126,32 @@ def test_unknown_ages_and_headings_that_wrap_are_no_lines(tmp_path):
     assert np.nanmax(np.abs(np.diff(drawn))) < 3.0
     assert "no leg driven" in " ".join(labels(figure))
     assert not any("IMU" in label for label in labels(figure))
+
+
+def test_lines_and_shades_end_where_the_log_has_a_gap(tmp_path):
+    """A minute is missing: as in a damaged log, or of what guidance asks for where the boat was stopped meanwhile."""
+    lease = OverrideLease(
+        t_ns=0, index=0, channels=(9,), pwm_us=(1500,), valid_for_s=0.3, source="neutral", reason="", f_command_n=(0.0,)
+    )
+    at_ns = [k * 10**8 for k in (0, 1, 2, 600, 601, 602)]
+    messages = [m for t_ns in at_ns for m in (truth_at(t_ns), msgspec.structs.replace(lease, t_ns=t_ns))]
+    series = collect(record(tmp_path / "t.mcap", *messages))
+    for panel, label in ((track, "ground truth"), (heading, "truth"), (pwm, "thruster on channel 9")):
+        axes = Figure().add_subplot()
+        panel(axes, series)
+        (line,) = (line for line in axes.get_lines() if line.get_label() == label)
+        assert np.isnan(np.asarray(line.get_ydata(), dtype=float)).tolist() == [False, False, True, False, False, False]
+        shades = [path for shade in axes.collections for path in shade.get_paths()]
+        assert all(path.get_extents().width < 1.0 for path in shades)
+        assert len(shades) == (2 if panel is pwm else 0)
+
+
+def test_times_beyond_a_hundred_milliseconds_have_no_exponent_and_titles_are_no_formulas(tmp_path):
+    figure = Figure()
+    series = collect(record(tmp_path / "t.mcap", Tick(t_ns=5, index=0, lateness_ns=253_000_000)))
+    draw(figure, series, "a title is no formula: cost$%$.mcap")
+    figure.draw_without_rendering()
+    assert labels(figure) == ["tick lateness: p99 250, max 250"]
 
 
 def test_ground_truth_comes_from_the_simulators_log_for_the_time_of_this_one(tmp_path):

@@ -89,6 +89,12 @@ def test_play_slider_keys_and_plots_move_the_time(pages, browser):
     assert asked == [pages["ghosts"].as_uri()]
 
 
+def test_times_of_day_are_utc_as_in_its_head_wherever_it_is_read(pages, browser):
+    page, _ = opened(browser, pages["plain"], timezone_id="Asia/Tokyo")
+    page.page.evaluate("page.unix_minus_t_ns = 1_700_000_000_500_000_000 - page.zero_s * 1e9; page.seek(0)")
+    assert page.text("#clock").endswith(", 22:13:20 UTC")
+
+
 def test_the_boat_moves_and_ghosts_come_and_go(pages, browser):
     page, _ = opened(browser, pages["ghosts"])
     places = []

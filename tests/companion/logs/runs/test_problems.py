@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from companion.logs.runs.problems import dead_columns, grouped, held_rows, problems
+from companion.logs.runs.problems import dead_columns, grouped, held_rows, problem_sentences, problems
 from companion.logs.runs.run import LogProblem, Run
 from tests.companion.logs.readers.run_logs import clean_run
 
@@ -23,6 +23,12 @@ def edited(run: Run, first_s: float, last_s: float, **columns) -> Run:
 
 def kinds(run: Run) -> dict[str, list[LogProblem]]:
     return grouped(problems(run))
+
+
+def test_a_sentence_names_its_log_once():
+    edited = LogProblem(kind="edited", text="day1.csv: the data is not what was written with its hash")
+    said = ["day1.csv: edited: the data is not what was written with its hash."]
+    assert problem_sentences({"day1.csv": [edited]}) == said
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from sim.commission.watch.causes import watched
 from sim.commission.watch.course import BoatCourse, MissionCourse, ToldChange
+from sim.commission.watch.figures import gains
 from sim.commission.watch.filter import Belief
 from sim.commission.watch.history import MissionEntry
 from sim.commission.watch.mission_fit import boat_effects
-from sim.commission.watch.sentences import change_sentence, proposal_sentences
+from sim.commission.watch.sentences import change_sentence, proposal_sentences, when
 from tests.support.vessel_fixtures import boat
 
 VESSEL = boat("aritra")
@@ -50,6 +52,12 @@ def test_evidence_interval_and_rivals_are_said():
     assert "(95 %: 12 to 16; 23 nats)" in text and text.endswith("do not tell it from: payload.")
 
 
+def test_a_begin_by_the_time_of_a_file_is_told_from_one_of_the_log():
+    """A copy of a file has the time of the copying."""
+    assert when(ENTRIES[0]) == "2026-11-18 11:06 UTC"
+    assert when(structs.replace(ENTRIES[0], begin_by_file=True)) == "2026-11-18 11:06 UTC, by its file"
+
+
 def after(gains: list[float], changes: tuple[ToldChange, ...] = ()) -> BoatCourse:
     belief = Belief(np.zeros(1), np.eye(1))
     missions = tuple(MissionCourse(belief, g, 1.0, 0.01, 1.0, (0.0, "")) for g in gains)
@@ -63,7 +71,13 @@ def test_a_proposed_file_is_judged_by_missions_that_it_had_not_seen():
     assert "No mission has judged" in proposal_sentences(after([0.0]), 0)[0]
 
 
+@pytest.mark.parametrize("missions", [1, 2, 5])
+def test_missions_are_whole_numbers_on_the_axis_of_the_history(missions):
+    ticks = gains(after([1.0] * missions)).axes[0].get_xticks()
+    assert ticks.tolist() == np.round(ticks).tolist()
+
+
 def test_missions_before_a_change_was_told_do_not_judge_a_file_with_the_change():
     told = change("hull_fouling", 0.3, 0.02, told=2)
     assert "No mission has judged" in proposal_sentences(after([0.0, 4.0, -50.0], (told,)), 0)[0]
-    assert "+6.0 nats in 1 missions" in proposal_sentences(after([0.0, 4.0, -50.0, 6.0], (told,)), 0)[0]
+    assert "+6.0 nats in 1 mission, better" in proposal_sentences(after([0.0, 4.0, -50.0, 6.0], (told,)), 0)[0]

@@ -43,12 +43,14 @@ def test_logs_are_taken_in_once_a_bad_one_is_named_and_a_yes_writes_a_new_file(t
     history, bad = tmp_path / "history", tmp_path / "bad.csv"
     bad.write_text("no log\n")
     assert watch(history, logs[1]) == 0
+    assert "watched over 1 mission up to" in (history / "proposed.toml").read_text()
     assert watch(history, bad, *logs) == 1
     out = capsys.readouterr().out
-    assert str(bad) in out and "1 logs taken in, 1 known already; 2 missions" in " ".join(out.split())
+    assert str(bad) in out and "1 log taken in, 1 known already; 2 missions" in " ".join(out.split())
     entries = sorted((history / "logs").iterdir())
     assert len(entries) == 2 and "Nothing has changed" in out
     page = (history / "history.html").read_text()
+    assert page.count(" UTC, by its file") == 2 and f"{logs[0].parent.name}/day1.csv" in page
     assert page.count("<img") == 2 and "day1.csv" in page and page.index("day1.csv") < page.index("day2.csv")
     assert watch(history, *logs) == 0
     assert sorted((history / "logs").iterdir()) == entries
@@ -80,7 +82,7 @@ def test_a_log_with_its_gyro_reversed_is_left_out_and_a_doubtful_one_is_told(tmp
     assert watch(tmp_path / "history", tmp_path / "turned.csv", tmp_path / "edited.csv") == 1
     told = " ".join(capsys.readouterr().out.split())
     assert re.search(r"left out: \S+turned.csv: .*psi_rad turns -\S+ times .* positive to port\?", told), told
-    assert "1 logs taken in" in told
+    assert "1 log taken in" in told
     (entry,) = (tmp_path / "history" / "logs").iterdir()
     assert "edited.csv: edited: " in told and f"move {entry} away" in told
     assert "edited.csv: edited: " in (tmp_path / "history" / "history.html").read_text()

@@ -106,7 +106,7 @@ def test_every_file_is_there_and_loads(weak):
 def test_the_page_needs_nothing_from_elsewhere(weak):
     page = (weak[0] / "out" / "report.html").read_text()
     assert "<script" not in page and not re.search(r'(src|href)="(?!data:|#)', page)
-    assert page.count("data:image/png;base64,") >= 8
+    assert page.count("data:image/png;base64,") >= 8 and "[m/s^2, m/s^2, rad/s^2], refitted base" in page
     first = page.index("<li>")
     assert "Thruster front_port gives" in page[first : page.index("</ul>")]
 

@@ -48,6 +48,18 @@ def test_no_arrow_leaves_its_axes():
         assert ((tips >= (west, south)) & (tips <= (east, north))).all()
 
 
+def test_the_band_of_what_is_left_over_and_the_names_of_small_forces_are_in_the_picture():
+    """Axes of 0.02 N were filled by a band of 2 N from edge to edge, as if nothing were certain of these lines."""
+    left = replace(_residue(), force=0.005 * _residue().force)
+    figure = pictures.over_time(left, left)
+    assert all(low <= -2 and high >= 2 for low, high in (ax.get_ylim() for ax in figure.axes))
+    small = replace(left, sigma=0.001 * left.sigma)
+    speeds = {"u [m/s]": left.x[:, 3]}
+    for drawn in (pictures.over_time(small, small), pictures.against(small, speeds)):
+        drawn.draw_without_rendering()
+        assert all(ax.yaxis.label.get_window_extent().x0 > 0 for ax in drawn.axes)
+
+
 def test_one_row_of_axes_for_each_force():
     figure = pictures.against(_residue(), {"u [m/s]": _residue().x[:, 3], "v [m/s]": _residue().x[:, 4]})
     assert len(figure.axes) == 6

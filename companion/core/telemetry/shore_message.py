@@ -7,8 +7,8 @@ from typing import Annotated
 import msgspec
 
 VERSION = 1
+# Telemetry is anybody's, and the name is shown to people, on terminals too, and told to boats (`Order.heard`).
 RunName = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{0,64}\Z")]
-"""It is shown to people, on terminals too, and told to boats (`Order.heard`); telemetry is anybody's."""
 
 
 class ShoreMessage(msgspec.Struct, frozen=True, kw_only=True):

@@ -21,7 +21,7 @@ SCRIPT = (
     ("param show SCHED_LOOP_RATE", "200"),
     ("param set SERVO_RC_FS_MSK 3840", ""),
     ("param fetch SERVO_RC_FS_MSK", "SERVO_RC_FS_MSK = 3840"),
-    ("mode MANUAL", "Mode MANUAL"),
+    ("mode MANUAL", "Got COMMAND_ACK: DO_SET_MODE: ACCEPTED"),
     ("arm throttle", "ARMED"),
     ("mode HOLD", "Mode HOLD"),
     ("mode GUIDED", "Flight mode change failed"),

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from companion.core.configuration.site_file import Site
 from companion.core.messages import StateEstimate
 from companion.logs.log_file import LogError, LogFile
-from companion.logs.series import collect
+from companion.logs.series import KNOWN, broken
 from sim.commission.job import NEW, OLD, CommissionOutcome
 from sim.commission.journal import LOG, FlightJournal, stage_of
 from sim.commission.stages import STAGES
@@ -113,10 +113,11 @@ def tracks(journal: FlightJournal, site: Site) -> Figure:
 def _places(log: Path) -> np.ndarray:
     """North, east (n, 2) of a log by its estimate, NaN where the boat did not know its place, or nothing is logged."""
     try:
-        estimate = collect(LogFile(log))[StateEstimate]
+        estimates = [m for m in LogFile(log).messages(StateEstimate) if isinstance(m, StateEstimate)]
     except LogError:
-        return np.empty((0, 2))
-    return np.column_stack([estimate.line("north_m"), estimate.line("east_m")])
+        estimates = []
+    places = [(m.north_m, m.east_m) if m.health in KNOWN else (np.nan, np.nan) for m in estimates]
+    return broken(np.array([m.t_ns * 1e-9 for m in estimates]), np.array(places).reshape(-1, 2))
 
 
 def report(outcome: CommissionOutcome, journal: FlightJournal, site: Site, files: Mapping[str, str]) -> str:

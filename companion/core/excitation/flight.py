@@ -93,7 +93,6 @@ class Flight:
         self.excitation, self.pen, self._period_s = excitation, Pen(site, others), period_s
         self._gap_s, self._reaction_s = max(GAP_S, GAP_TICKS * period_s), REACTION_S + max(period_s - PERIOD_S, 0.0)
         self.pen.check(excitation.margin_m, excitation.return_m, name=name)
-        self._most_room_m = float(self.pen.clearance(self.pen.middle[None])[0])
         self.signals = signals(excitation, vessel, name=name)
         self._vessel, self._M, self._limits = vessel, np.diag(mass_matrix(vessel)), force_limits(vessel)
         self._axes, self._B = axis_reach(vessel), configuration_matrix(vessel)
@@ -195,7 +194,7 @@ class Flight:
         least = self.excitation.margin_m
         # Whoever turned back goes on with half the room of the middle: with less, every other tick would fly outwards.
         if state.elapsed_s > 0.0:
-            least = max(least, 0.5 * (least + self._most_room_m - spread_m))
+            least = max(least, 0.5 * (least + self.pen.most_clearance_m - spread_m))
         return self._room_to_spare_m(state, eta, nu, spread_m) >= least
 
     def _begin(self, state: FlightState, eta: np.ndarray) -> tuple[FlightState, str]:

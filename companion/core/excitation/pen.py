@@ -45,6 +45,11 @@ class Pen:
         off = np.linalg.norm(places - self.corners.mean(axis=0), axis=1)
         return places[np.argmax(self.clearance(places) - _TIE * off)]
 
+    @cached_property
+    def most_clearance_m(self) -> float:
+        """Distance of the middle to the nearest fence [m]."""
+        return float(self.clearance(self.middle[None])[0])
+
     def clearance(self, places: np.ndarray) -> np.ndarray:
         """Distance of places (m, 2) to the nearest fence, shape (m,) [m], negative beyond it (even-odd rule)."""
         return np.minimum(clearance(self.corners, places), self.others.clearances(places))
@@ -62,7 +67,7 @@ class Pen:
 
     def check(self, margin_m: float, return_m: float, *, name: str) -> None:
         """Raise ConfigError where an excitation cannot be flown in here. `name`: of the excitation file."""
-        room = float(self.clearance(self.middle[None])[0])
+        room = self.most_clearance_m
         if room <= margin_m + return_m:
             where, it = f"in the fence of {self.site.name}", "it"
             if self.others != ANYWHERE:

@@ -142,8 +142,9 @@ def thrusters(
     run: str, lease: OverrideLease, sent: bool, output: ServoOutput | None, numbers: Sequence[int]
 ) -> shore.ThrustersNow:
     """The lease, whether it was `sent`, and the thrusters' outputs (`numbers`, from 1) as just reported."""
-    n, fresh = len(numbers), output and lease.t_ns - output.t_ns <= OUTPUT_FRESH_NS
-    told = output.pwm_us if output and fresh and len(output.pwm_us) >= max(numbers) else None
+    n, pwm_us = len(numbers), ()
+    if output and lease.t_ns - output.t_ns <= OUTPUT_FRESH_NS:
+        pwm_us = output.pwm_us
     return shore.ThrustersNow(
         run=run,
         t_ns=lease.t_ns,
@@ -151,7 +152,7 @@ def thrusters(
         force_n=tuple(map(metres, lease.f_command_n[:n])),
         source=lease.source,
         reason=cut(lease.reason),
-        output_us=tuple(told[number - 1] for number in numbers) if told else None,
+        output_us=tuple(pwm_us[k - 1] for k in numbers) if len(pwm_us) >= max(numbers) else None,
         sent=sent,
     )
 

@@ -106,7 +106,7 @@ class BankState:
 
     `age_s`: since each began afresh (K,); `noise`: mean square of the change of w in half a second that each leaves
     unexplained (K, 3); `past`: the last residuals and forces; `count`: of all; `rough_s`: for how long waves have
-    been larger than the noise.
+    been larger than the noise; `peak`: the largest that each sum has been since it began afresh (K,).
     """
 
     mean: np.ndarray
@@ -114,6 +114,7 @@ class BankState:
     nats: np.ndarray
     age_s: np.ndarray
     noise: np.ndarray
+    peak: np.ndarray
     past: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
     count: int = 0
     rough_s: float = 0.0
@@ -145,7 +146,7 @@ class ThrusterBank:
         """Nothing seen."""
         K, n = self._mean0.shape
         P = self._variance0[:, :, None] * np.eye(n)
-        return BankState(self._mean0.copy(), P, np.zeros(K), np.zeros(K), np.zeros((K, 3)))
+        return BankState(self._mean0.copy(), P, np.zeros(K), np.zeros(K), np.zeros((K, 3)), np.zeros(K))
 
     def step(self, state: BankState, w: np.ndarray, f_n: np.ndarray, a_m_s2: np.ndarray, dt_s: float) -> BankState:
         """After one residual w (3,) under forces f (n,) [N], where the accelerometer should feel a (2,)."""
@@ -176,15 +177,17 @@ class ThrusterBank:
         gained = TEMPER * (log_likelihood - log_likelihood[0])
         excess = max(0.0, float(gained.max()) - MOST)
         is_rough = (wave > WAVE_MARGIN * NOISE_VARIANCE).any()
-        kept = known * (np.exp(-dt_s / MEMORY_S) if is_rough else 1.0) * state.nats
-        nats = kept + np.where(gained > 0.0, np.maximum(gained - excess, 0.0), np.maximum(gained, -MOST))
-        nats -= max(0.0, nats.max() - CEILING)
+        kept = known * (np.exp(-dt_s / MEMORY_S) if is_rough else 1.0)
+        nats = kept * state.nats + np.where(gained > 0.0, np.maximum(gained - excess, 0.0), np.maximum(gained, -MOST))
+        beyond = max(0.0, nats.max() - CEILING)
+        nats -= beyond
         anew = nats <= 0.0
         nats[anew], anew[0] = 0.0, False
+        peak = np.maximum(np.where(anew, 0.0, kept * state.peak - beyond), nats)
         mean[anew], P[anew] = self._afresh(anew, mean[0], P[0])
         age_s = np.where(anew, 0.0, state.age_s + dt_s)
         rough_s = state.rough_s + dt_s if is_rough else 0.0
-        return BankState(mean, P, nats, age_s, noise, past, state.count + 1, rough_s)
+        return BankState(mean, P, nats, age_s, noise, peak, past, state.count + 1, rough_s)
 
     def _predicted(self, state: BankState, wave: np.ndarray, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
         """A tick later: d forgets itself in D_TIME_S, waves of variances `wave` (3,) go on, what has just stuck spins

@@ -23,9 +23,12 @@ SURE_NATS, AHEAD_NATS = 15.0, 5.0
 ROUGH_NATS = 20.0
 """So much for one that is stuck, in waves that were larger than the noise before it began to look so: gusts may push as
 steadily for some seconds. Assumed: in 24 h of weather, with hull and thrusters off by 20 %, a sound boat reached 17."""
-LEAD_NATS = 3.0
-"""So much ahead of a push a thruster must be that sticks: it may not have been told anything else yet. Assumed: pushes
-of 10 to 40 N that were taken for one were 2 behind in the median, and stuck ones are ahead by 3 within 1.3 s."""
+PUSH_NATS = 10.0
+"""So much ahead of a push a thruster must be: one that pushes along a thruster, with its lever, looks like it until the
+commands change. Assumed: such pushes were up to 9 behind; thrusters that are wrong are ahead by 10 as soon as by 5."""
+FALLEN_NATS = 3.0
+"""A hypothesis that has lost so much since its best is no longer what happens: a push that is over leaves some behind.
+Assumed."""
 ASK_NATS = 5.0
 """From so much on forces that cancel each other are commanded, which tell one thruster from the others; assumed."""
 FINE_GAIN, SPARED_GAIN, DEAD_GAIN, REVERSED_GAIN = 0.75, 0.3, 0.2, -0.25
@@ -122,6 +125,8 @@ class ThrusterVerdicts:
             best = min(k for k in dead if nats[k] >= SURE_NATS)  # gains stand before what sticks
         elif kinds[best].kind == "stuck" and nats[best] < ROUGH_NATS and state.bank.rough_s > state.bank.age_s[best]:
             return state, report
+        if kinds[best].blames_thrust and nats[best] < state.bank.peak[best] - FALLEN_NATS:
+            return state, report
         best, rivals = self._rivals(state, best, [k for k in near if k != best])
         may_be_waves = state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS
         if not rivals and not kinds[best].blames_thrust and may_be_waves:
@@ -144,9 +149,9 @@ class ThrusterVerdicts:
     def _rivals(self, state: ThrusterState, best: int, near: list[int]) -> tuple[int, list[ThrustHypothesis]]:
         """What to believe, and what explains it as well, of the `best` and those that are near it."""
         nats, kinds, h = state.bank.nats, self._bank.hypotheses, self._bank.hypotheses[best]
-        rivals = [kinds[k] for k in near]
-        if not h.blames_thrust or (h.kind == "stuck" and nats[best] > nats[self._pushed] + LEAD_NATS):
-            rivals = [r for r in rivals if r.kind != "pushed"]  # it would have to push just as that does
+        rivals = [kinds[k] for k in near if k != self._pushed]
+        if h.blames_thrust and 0.0 < nats[self._pushed] > nats[best] - PUSH_NATS:
+            rivals.append(kinds[self._pushed])
         if h.kind == "pushed" and rivals and all(r.blames_accelerometer for r in rivals):
             return kinds.index(rivals[0]), []  # without the accelerometer the filter follows a push as well
         if h.blames_accelerometer:  # however it is wrong, it is left out

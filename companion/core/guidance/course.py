@@ -124,6 +124,14 @@ class Course:
         v = math.sqrt(min(speeding, slowing, segment.speed_m_s**2))
         return max(v, min(self.limits.crawl_m_s, segment.speed_m_s))
 
+    def beyond_corner(self, s_m: float, within_m: float) -> float:
+        """Arc length of a sharp corner that lies at most `within_m` ahead of `s_m`; without one `s_m`."""
+        i = self._segment(s_m)
+        if i + 1 == len(self.segments) or (corner := self.segments[i + 1]).start_m - s_m > within_m:
+            return s_m
+        before = self.segments[i].at(self.segments[i].length_m)[2]
+        return corner.start_m if abs(ssa(corner.angle_rad - before)) >= STRAIGHT_RAD else s_m
+
     def follow(self, north_m: float, east_m: float, s_m: float, back_m: float, ahead_m: float) -> float:
         """Arc length of the point nearest to (north, east) from `back_m` before `s_m` to `ahead_m` beyond it.
 

@@ -22,7 +22,7 @@ from companion.core.geometry.frames import near, rotate, unrotate
 from companion.core.guidance.course import hold_point, plan_course
 from companion.core.guidance.path import SHORTEST_LEG_M, Path, Waypoint
 from companion.core.guidance.progress import GuidanceState, Passage, pass_waypoint, settle, update_miss
-from companion.core.guidance.reference import GuidanceSettings, Walker, course_rows, los_rows
+from companion.core.guidance.reference import GuidanceSettings, Walker, course_rows, los_rows, within_reach
 from companion.core.guidance.steering import advance, reference_track
 from companion.core.messages import GuidanceReference
 
@@ -123,8 +123,19 @@ def horizon(
 ) -> np.ndarray:
     """References at `times_s` (first 0, increasing) after `step`: shape (len(times_s), 8), see `columns`.
 
-    psi is continuous and starts within pi of `eta`'s. While idle: hold the present pose.
+    psi is continuous and starts within pi of `eta`'s. While idle: hold the present pose. A boat that is far away is
+    led back by `within_reach`.
     """
+    return within_reach(_rows(state, settings, eta, nu, times_s), eta)
+
+
+def _rows(
+    state: GuidanceState,
+    settings: GuidanceSettings,
+    eta: Sequence[float],
+    nu: Sequence[float],
+    times_s: Sequence[float],
+) -> np.ndarray:
     if state.phase == "leg" and state.route is not None and settings.steering == "los":
         leg = state.target - 1
         x_e, _ = state.route.errors(leg, eta[0], eta[1])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from companion.core.geometry.frames import near, ssa
-from companion.core.guidance.path import crab_angle, ilos_rate, los_heading
+from companion.core.guidance.path import SHORTEST_LEG_M, crab_angle, ilos_rate, los_heading
 from companion.core.guidance.progress import GuidanceState
 from companion.core.guidance.reference import GuidanceSettings, ReferenceTrack, Walker, turn
 
@@ -34,6 +34,7 @@ def advance(
     if state.phase == "leg":
         ahead = AHEAD_M + 2 * max(nu[0], state.u_ref_m_s) * dt_s
         s = course.follow(eta[0], eta[1], state.s_m, BACK_M, ahead)
+        s = course.beyond_corner(s, SHORTEST_LEG_M)  # at the crawl a boat may stand before it for good
     else:
         s = min(state.s_m + state.u_ref_m_s * dt_s, course.length_m)
     lead = max(-settings.lag_rad, min(settings.lag_rad, ssa(state.psi_ref_rad - eta[2])))

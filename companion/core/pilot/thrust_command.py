@@ -112,7 +112,8 @@ class ThrustCommander:
             return state
         g, mission = self.settings.guidance, state.mission or self.settings.mission
         if state.helm.mode == "hold":
-            return replace(state, guidance=guidance.hold(g, eta, nu, t_ns, is_clear=self._is_clear))
+            held = guidance.hold(g, eta, nu, t_ns, passed=state.passed, is_clear=self._is_clear)
+            return replace(state, guidance=held)
         passed = state.passed if len(state.passed) < len(mission.path.waypoints) else ()
         end = mission.end_heading_rad
         begun = guidance.start(mission.path, g, eta, nu, t_ns, end_heading_rad=end, passed=passed)

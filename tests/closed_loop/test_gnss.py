@@ -55,6 +55,7 @@ def test_a_frozen_receiver_is_left_out_and_named():
     assert run.run(lambda r: not healthy(r), 4.0)
 
 
+@pytest.mark.long
 def test_one_wild_fix_moves_nothing_and_a_lasting_jump_is_believed():
     run = under_way()
     run.world.tamper["gnss"] = lambda m: replace(m, lat_deg=m.lat_deg + NORTH_10_M)

@@ -49,6 +49,7 @@ def test_a_late_link_stops_the_boat_and_it_stays_stopped(tmp_path, delay_s):
     assert 0.0 < at_s - late_s <= 0.75 + delay_s + 0.2, "three answers of four a second, their way, a tick or two"
 
 
+@pytest.mark.long
 def test_a_link_that_is_a_little_late_drives_on(tmp_path):
     run = played(tmp_path, "down", "delay 0.3", 6.0)
     assert modes(run) == ["idle", "starting", "auto"] and judge(run) == []

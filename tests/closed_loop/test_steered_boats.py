@@ -56,6 +56,7 @@ def test_it_passes_all_waypoints_on_its_path_by_its_plans(name):
     assert all(a.level == "info" or a.text == DRIFTS for a in run.of(Alert)), [a.text for a in run.of(Alert)]
 
 
+@pytest.mark.long
 def test_at_the_end_the_rudder_boat_is_neutral_and_drifts_and_says_so():
     run = driven("rudder")
     last = run.of(OverrideLease)[-1]

@@ -133,6 +133,7 @@ def loopback(tmp_path_factory):
     assert made.simulator.returncode == 0, out.read_text()
 
 
+@pytest.mark.long
 def test_a_companion_that_is_killed_leaves_a_log_and_neutral_thrusters(loopback, tmp_path):
     with loopback.companion("killed") as (child, log):
         time.sleep(1.5)

@@ -135,6 +135,7 @@ def bench(tmp_path):
     made.manager.close()
 
 
+@pytest.mark.long
 def test_only_leases_that_were_sent_make_it_ready_and_keep_it_alive(bench):
     said = bench.manager
     with bench.companion() as child:
@@ -185,6 +186,7 @@ def test_only_leases_that_were_sent_make_it_ready_and_keep_it_alive(bench):
     assert not any(isinstance(m, VehicleRequest) for m in messages), "idle: it neither arms nor changes the mode"
 
 
+@pytest.mark.long
 def test_it_keeps_its_folder_within_the_quota_from_the_start(bench):
     logs = bench.folder / "logs"
     logs.mkdir()

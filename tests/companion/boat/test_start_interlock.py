@@ -163,6 +163,7 @@ def test_a_wiring_that_is_changed_under_way_ends_in_safe(write, within_s, path):
     assert told(bench, f"start {REFUSED}") == 1
 
 
+@pytest.mark.long
 def test_a_parameter_other_than_the_outputs_is_found_without_a_broadcast_too(path):
     bench = Guarded(path)
 
@@ -192,6 +193,7 @@ def test_what_is_set_right_again_may_start_again_and_never_by_itself(path):
     assert told(bench, "SERVO1_FUNCTION is 94 now (it was 59): no parameter refuses a start any more") == 1
 
 
+@pytest.mark.long
 def test_a_change_that_refuses_nothing_does_not_stop_the_boat(path):
     bench = Guarded(path)
 

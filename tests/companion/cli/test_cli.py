@@ -191,6 +191,7 @@ def free_udp_port():
         return probe.getsockname()[1]
 
 
+@pytest.mark.long
 def test_a_run_whose_core_raises_ends_with_exit_code_1(tmp_path):
     wires = ["--mavlink", f"udpin:127.0.0.1:{free_udp_port()}", "--uwb", f"serial:{tmp_path / 'tag'}:115200"]
     ended = subprocess.run(

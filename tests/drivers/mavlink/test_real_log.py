@@ -98,6 +98,7 @@ def test_random_chunks_give_the_same(stream: bytes):
     assert parts.counters == whole.counters
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("start", "flip"), [(0, 0xFF), (137, 0x01), (999, 0x80)])
 def test_a_flipped_byte_every_1000_loses_only_the_messages_it_hits(
     frames: Frames, stream: bytes, start: int, flip: int

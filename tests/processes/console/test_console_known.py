@@ -99,6 +99,7 @@ def test_a_key_that_is_held_down_answers_no_question(console, browser):
     page.context.close()
 
 
+@pytest.mark.long
 def test_an_error_sounds_right_after_a_warning_and_what_suspended_the_sound_is_over(console, browser):
     tones = Page(browser, console).page.evaluate(
         """async () => { const { Alarms } = await import('/web/alarms.js'), tones = [];

@@ -47,6 +47,7 @@ def test_a_stop_that_the_network_swallows_is_given_again(console, boat, browser)
     page.context.close()
 
 
+@pytest.mark.long
 def test_another_order_that_the_network_swallows_says_that_no_answer_came(console, boat, browser):
     page = Page(browser, console)
     page.wait("!document.querySelector('#hold').disabled")
@@ -61,6 +62,7 @@ def test_another_order_that_the_network_swallows_says_that_no_answer_came(consol
     page.context.close()
 
 
+@pytest.mark.long
 def test_what_a_stop_came_to_is_said_only_of_what_is_known(console, browser):
     """Rows: pulses sent, whether they were, what the autopilot says that it gives."""
     still, moving = [1500] * 4, [1700, 1500, 1500, 1500]
@@ -109,6 +111,7 @@ def test_a_boat_that_is_not_there_after_the_console_was_started_anew_is_lost(con
     page.context.close()
 
 
+@pytest.mark.long
 def test_a_start_whose_answer_is_lost_may_have_come_there_and_the_consoles_word_takes_its_place(console, browser):
     page, routes = by_hand(browser, console), []
     page.page.evaluate("anew(); frame(5e6, { anna: [0, true, 1, ''] }, [about('anna', 5e6), state('anna', 5e6)])")
@@ -152,6 +155,7 @@ def test_sticks_must_be_taken_again_from_a_console_that_was_started_anew(console
     page.context.close()
 
 
+@pytest.mark.long
 def test_sticks_that_were_refused_and_sticks_without_an_answer_are_told_apart(console, browser):
     said = Page(browser, console).page.evaluate(
         """async () => { const { Steering } = await import('/web/driving/steer.js');

@@ -94,6 +94,7 @@ def test_every_file_of_the_page_is_read_by_the_boats_loader(page):
         assert [f.inclusion for f in read.fences] == [f["inclusion"] for f in made["fences"]]
 
 
+@pytest.mark.long
 def test_the_pages_distance_to_the_fence_is_the_boats_and_legs_that_leave_it_are_seen(page):
     cases, wanted = [], []
     for seed in SEEDS:

@@ -13,6 +13,7 @@ READY = (
 SPEED = "[document.querySelector('[data-key=Speed] dd').innerText, aritra.history.last('one', 'state')]"
 
 
+@pytest.mark.long
 def test_plots_and_units_are_chosen_and_kept_for_the_next_visit(console, zenoh_port, browser):
     boat = TapedBoat(zenoh_port, "one")
     try:

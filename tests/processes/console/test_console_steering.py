@@ -118,6 +118,7 @@ def test_by_keyboard_and_by_thumbs_it_needs_the_dead_man_too(page, boat):
         page.wait(f"aritra.steering.touch.read().held === {str(kind == 'pointerdown').lower()}")
 
 
+@pytest.mark.long
 def test_a_pad_that_stands_still_off_its_middle_and_one_of_unknown_layout_are_not_held(page):
     told = page.page.evaluate(
         """async () => { const { Pad, shaped } = await import('/web/driving/shares.js');

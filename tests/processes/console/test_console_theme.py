@@ -22,6 +22,7 @@ def grave(page, rules=None):
     ]
 
 
+@pytest.mark.long
 def test_the_page_follows_the_system_and_the_switch_is_remembered(console, browser):
     page = Page(browser, console, color_scheme="dark")
     assert page.page.evaluate(PAPER) == DARK

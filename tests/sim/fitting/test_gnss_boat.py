@@ -46,6 +46,7 @@ def test_the_file_loads_as_written_and_has_one_sensor_of_positions():
             vessel_toml(wrong)
 
 
+@pytest.mark.long
 def test_a_fit_finds_place_and_delay_of_the_antenna():
     true = replace(UWB, sensors=UWB.sensors.with_position(x_m=TAG.x_m + 0.1, latency_s=TAG.latency_s + 0.1))
     result = fit_structured([drive(true, 3, 120.0)], BOAT)

@@ -124,6 +124,7 @@ def test_what_is_wrong_is_named_and_nothing_is_moved(capsys, tmp_path):
     assert rover.vehicle.modes.armed and rover.vehicle.rc.last_input_ns is None, "it neither disarms nor overrides"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("lost", "level"), [(1, "refuse"), (99, "warning")])
 def test_a_lost_question_for_the_arming_checks_is_asked_again(lost, level, capsys, tmp_path, monkeypatch):
     """Of a link that loses frames: nobody had heard a complaint, and the row was in order."""

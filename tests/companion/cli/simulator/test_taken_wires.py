@@ -23,6 +23,7 @@ def start(words, out):
     return child
 
 
+@pytest.mark.long
 def test_a_second_simulator_on_the_same_uwb_is_refused_and_one_after_a_kill_is_not(tmp_path):
     tag, words = tmp_path / "tag", ["--udp-to", "127.0.0.1:9", "--uwb", str(tmp_path / "tag")]
     children = [start(words, tmp_path / "0.txt")]

@@ -53,6 +53,7 @@ def test_a_heading_that_is_left_out_starts_nothing(run, estimator) -> None:
     assert estimator.estimate(state, m.t_ns).health != "initialising" and state.restarts == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("change_rad_s", [1.0, 60.0, 1e4, math.nan])
 def test_one_wrong_rate_of_roll_or_pitch_does_not_become_speed(run, estimator, change_rad_s) -> None:
     """A wrong tilt takes gravity for an acceleration, and its own variance is small."""

@@ -37,7 +37,7 @@ def far_pilot() -> Pilot:
 def test_a_station_far_away_is_gone_to_no_faster_than_the_boat_drives():
     known = setup().pilot
     run = SteppedRun(World(WorldSetup(known.vessel, known.site, start=(8.0, 12.0, 0.0)), 4), far_pilot(), nmpc().solve)
-    run.run(lambda _: False, 60.0)
+    run.run(lambda _: False, 45.0)
     truths = run.of(GroundTruth)
     assert max(math.hypot(t.u_m_s, t.v_m_s) for t in truths) < 1.0
     assert math.dist((truths[-1].north_m, truths[-1].east_m), (20.0, 12.0)) < 0.3

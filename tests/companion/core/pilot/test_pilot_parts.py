@@ -50,6 +50,7 @@ class Spy:
 # --- times and places -----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_plan_begins_where_the_boat_will_be_when_it_acts():
     """Half a second on the way to the autopilot, three quarters of a second in the thruster: assumed, to tell apart."""
     told = setup().pilot
@@ -85,6 +86,7 @@ def replaced(mind, state, t_ns):
     return shell
 
 
+@pytest.mark.long
 def test_the_reference_begins_at_the_state_that_the_plan_begins_at(monkeypatch):
     monkeypatch.setattr(thrust_command, "guidance", spy := Spy(thrust_command.guidance, "horizon"))
     boat = Boat("auto")

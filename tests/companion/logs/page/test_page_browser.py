@@ -60,6 +60,7 @@ def place(page: Page, boat: str) -> dict:
     return page.page.evaluate(f"b => (({{lat, lng}}) => ({{north: lat, east: lng}}))({centre})", boat)
 
 
+@pytest.mark.long
 def test_play_slider_keys_and_plots_move_the_time(pages, browser):
     page, asked = opened(browser, pages["ghosts"])
     page.page.click("#play")
@@ -89,6 +90,7 @@ def test_play_slider_keys_and_plots_move_the_time(pages, browser):
     assert asked == [pages["ghosts"].as_uri()]
 
 
+@pytest.mark.long
 def test_times_of_day_are_utc_as_in_its_head_wherever_it_is_read(pages, browser):
     page, _ = opened(browser, pages["plain"], timezone_id="Asia/Tokyo")
     page.page.evaluate("page.unix_minus_t_ns = 1_700_000_000_500_000_000 - page.zero_s * 1e9; page.seek(0)")

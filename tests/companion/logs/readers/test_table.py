@@ -223,6 +223,7 @@ def test_another_version_and_bad_metadata_are_refused(lines):
         read_csv(path)
 
 
+@pytest.mark.long
 def test_an_hour_is_written_and_read(tmp_path):
     """180,000 rows: in CSV and in Parquet, no row is lost."""
     run = clean_run(3600.0)

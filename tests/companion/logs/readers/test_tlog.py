@@ -112,7 +112,7 @@ def stamp_errors(path: Path, start_us: int = UNIX_US, column: str = "psi_rad") -
     return t_s + run.meta.zero_ns / 1e9 - start_us / 1e6 - true - 0.02
 
 
-@pytest.mark.parametrize("silent_s", [0.0, 30.0])
+@pytest.mark.parametrize("silent_s", [0.0, pytest.param(30.0, marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     "steps",
     [
@@ -199,6 +199,7 @@ def test_half_a_log_that_came_late_makes_no_drift(tmp_path):
     assert np.ptp(stamp_errors(boat.write(tmp_path / "a.tlog"))) < 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("first_s", "second_s"), [(80.0, 300.0), (300.0, 80.0)])
 def test_of_an_autopilot_that_is_started_anew_the_longer_boot_is_kept(tmp_path, first_s, second_s):
     path, pause_us = tmp_path / "a.tlog", round((first_s + 20.0) * 1e6)

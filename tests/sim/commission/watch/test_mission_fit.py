@@ -37,6 +37,7 @@ def windy():
     return mission_information(teleop_run(VESSEL, 5, 90.0, weather=WINDY), VESSEL)
 
 
+@pytest.mark.long
 def test_names_are_those_of_the_boat_alone(windy):
     assert windy.names == NAMES
     assert {family(n) for n in NAMES if not n.startswith("base:")} == {
@@ -67,6 +68,7 @@ def test_a_weak_thruster_is_seen_in_wind_and_current():
     assert change["thruster_gain:rear_port"] < -0.12
 
 
+@pytest.mark.long
 def test_a_tilt_that_follows_the_acceleration_is_left_out():
     """As of a basin's autopilot, without GPS: levelled by it, coefficients were off by up to six sigmas."""
     run = following_acceleration(teleop_run(VESSEL, 5, 90.0))

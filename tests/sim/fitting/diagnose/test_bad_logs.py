@@ -49,6 +49,7 @@ def test_what_cannot_be_used_is_refused_by_file_and_column(case):
     assert survive.holds(case, found), found.text
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", [c for c in DIAGNOSED if c.what in QUICK], ids=lambda case: case.what)
 def test_the_cause_is_found_all_the_same(case):
     found = survive.outcome(case)
@@ -70,7 +71,7 @@ def test_an_hours_log_takes_ten_minutes_at_most():
     assert found.cpu_s <= 60 * survive.MINUTES
 
 
-@pytest.mark.parametrize("uwb_hz", [1.0, 5.0])
+@pytest.mark.parametrize("uwb_hz", [1.0, pytest.param(5.0, marks=pytest.mark.long)])
 @pytest.mark.parametrize("spins", [False, pytest.param(True, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", ["aritra", "twin"])
 def test_good_columns_are_not_taken_for_others(uwb_hz, spins, name):

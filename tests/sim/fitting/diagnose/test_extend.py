@@ -63,6 +63,7 @@ def seen(vessel, effect: Effect) -> np.ndarray:
     return selector.refit(base, frozenset({mine.id}), start).point.theta[mine.id]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("id", "values", "within"),
     [

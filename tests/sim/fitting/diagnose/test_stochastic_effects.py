@@ -245,6 +245,7 @@ def test_anchors_are_the_logs_or_else_corners_round_the_positions():
     assert corners["south-west"] == (-5.0, -5.0) and corners["north-east"] == (25.0, 15.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lasting", [False, True])
 def test_fixes_that_lie_further_off_by_chance_are_a_hidden_anchor_those_that_drift_together_are_not(lasting):
     """Seed 5, 1,500 fixes at 5 Hz. Drift of 0.3 m over 20 s, as a current that no model has yet makes it, looks hidden

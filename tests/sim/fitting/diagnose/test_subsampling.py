@@ -105,6 +105,7 @@ def notes(some: Split) -> list[str]:
     return [note.text for used in some.used for note in used.log.run.meta.notes]
 
 
+@pytest.mark.long
 @settings(max_examples=8, deadline=None)
 @given(every=st.integers(40, 400), length=st.floats(5.0, 45.0), begin=st.integers(1, 300))
 def test_an_hour_with_pauses_goes_through(every, length, begin):

@@ -74,6 +74,7 @@ def test_a_voltage_that_the_pack_cannot_have_is_none():
         assert "(the first 0 V) are none of a pack of 15 V: left out" in note.text
 
 
+@pytest.mark.long
 def test_logs_that_state_several_boats_say_so():
     def notes(*boats):
         runs = [teleop_run(VESSEL, seed, 60.0) for seed in range(len(boats))]

@@ -15,6 +15,7 @@ from sim.fitting.engine.thrust.history import Pitch, SlewedHistory, ThrustComman
 from tests.support.vessel_fixtures import boat
 
 
+@pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10_000), slew=st.floats(5.0, 80.0), lag=st.floats(0.05, 0.3))
 def test_slewed_forces_are_those_of_their_differential_equation(seed: int, slew: float, lag: float) -> None:

@@ -63,6 +63,7 @@ def test_a_manoeuvre_shows_what_it_moves_and_nothing_else():
     assert after("opposed thrusters").share[index("gain_rear_port")] < 0.7 < after("surge steps").share[index("M22_kg")]
 
 
+@pytest.mark.long
 def test_knowledge_only_grows_and_a_flight_twice_is_twice_the_information():
     once = found()["strafe"].information
     assert np.linalg.eigvalsh(once).min() > -1e-6 * np.linalg.eigvalsh(once).max()
@@ -122,6 +123,7 @@ def moves(candidate, column):
     return float(flown.run.table[column].abs().max())
 
 
+@pytest.mark.long
 def test_after_surge_alone_comes_a_manoeuvre_that_moves_sideways():
     advice = advise(after("surge steps"), tuple(found().values()))
     assert {index(n) for n in ("M22_kg", "Y_v_N_s_m", "Y_vv_N_s2_m2")} <= set(advice.about)

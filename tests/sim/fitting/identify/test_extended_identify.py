@@ -30,6 +30,7 @@ def extended(*gains, k_kg=6.0):
     return replace(BASE, hull=hull, thrusters=thrusters, sensors=SENSORS, terms=terms)
 
 
+@pytest.mark.long
 def test_a_broken_boat_with_sensors_that_err_is_identified():
     """True: one thruster dead, one reversed and 4 % strong, k = 10 kg; the file knows of all but the sizes."""
     log = teleop_run(extended(0.0, 1.0, -1.04, 1.0, k_kg=10.0), 3, 120.0, uwb_hz=5.0, sigma_m=0.07)

@@ -23,6 +23,7 @@ def browser():
         yield found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", [390, 1440])
 def test_a_report_fits_and_has_no_serious_barriers(width, browser, tmp_path):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed: the extra `dev`")

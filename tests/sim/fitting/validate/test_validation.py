@@ -105,6 +105,7 @@ def test_held_before_anything_was_sent():
     assert np.isnan(volts).all()
 
 
+@pytest.mark.long
 def test_side_by_side(found):
     head = table(found).head
     assert head == ("figure", "true", "Taylor", "printed", "velocity stays", "velocity is zero")

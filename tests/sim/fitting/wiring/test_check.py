@@ -81,6 +81,7 @@ def test_as_found_tells_and_leaves_everything():
     assert found.vessel is BOAT and found.logs[0].run is run and "--as-found" in found.wiring.lines[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "columns"),
     [

@@ -34,6 +34,7 @@ def test_the_mission_without_and_with_gps(binary, gps, tmp_path):
     assert got["cross_track_rms_m"] <= 0.11 and got["u_rmse_m_s"] <= 0.05 and got["position_rmse_m"] <= 0.12
 
 
+@pytest.mark.long
 def test_a_program_that_is_no_firmware_is_said_to_be_so(tmp_path):
     with pytest.raises(FirmwareStopped, match="does not listen"):
         FirmwareWorld(basin(), 1, FirmwareSetup(Path("/bin/true"), tmp_path))
@@ -48,6 +49,7 @@ FirmwareWorld(basin(), 1, FirmwareSetup(Path(sys.argv[1]), Path(sys.argv[2])))
 """
 
 
+@pytest.mark.long
 def test_a_firmware_ends_with_a_run_that_is_killed(tmp_path):
     """Else it keeps its ports, and the next run speaks to it."""
     program, number = tmp_path / "firmware", tmp_path / "number"

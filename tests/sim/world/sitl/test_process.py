@@ -129,6 +129,7 @@ def test_losses_and_repeats_change_nothing_and_a_firmware_started_again_begins_a
     assert "missed" not in shared.said
 
 
+@pytest.mark.long
 def test_a_timestamp_that_goes_back_is_a_reset_that_the_firmware_survives(simulator):
     """The simulator is killed and started again under a firmware that runs on and asks again; `--speed` holds it."""
     program = json.dumps([(30, AHEAD)])
@@ -149,6 +150,7 @@ def test_a_timestamp_that_goes_back_is_a_reset_that_the_firmware_survives(simula
     assert "frame 0," not in simulator.said and "0 missed" in simulator.said
 
 
+@pytest.mark.long
 def test_a_firmware_that_pauses_is_told_of_and_goes_on_where_it_was(shared):
     seen = fly(shared, (2, AHEAD), (4, REST), options=("--pause", "2", "3.5"))
     steps = [b["timestamp"] - a["timestamp"] for a, b in zip(seen["trace"], seen["trace"][1:], strict=False)]

@@ -126,6 +126,7 @@ def test_a_tether_counts_by_its_pull_as_well_as_by_its_stiffness():
     assert tether.size(np.array([0.15, 0.0, 0.0, 0.3])) == pytest.approx(3.0)
 
 
+@pytest.mark.long
 def test_every_entry_changes_something():
     """An entry whose hook does nothing on a log that excites everything would never be found."""
     fit, _ = bench()

@@ -91,6 +91,7 @@ def test_a_cause_that_the_logs_do_not_ask_for_is_withdrawn():
     assert found.withdrawn == {"gyro_scale"} and not found.outdone and found.adequacy.passed
 
 
+@pytest.mark.long
 def test_a_cause_that_is_there_stands():
     table = drive().table
     run = Run(table.with_columns(r_rad_s=pl.col("r_rad_s") * 1.08), drive().meta)

@@ -37,6 +37,7 @@ def selected(true: VesselFile):
     return Selector(fit).run()
 
 
+@pytest.mark.long
 def test_a_bent_map_is_fitted_as_bent_and_names_no_asymmetry():
     found = selected(mapped(ahead=lambda m: curved(m.ahead, 0.08), astern=lambda m: curved(m.astern, -0.08)))
     assert found.causes == []

@@ -108,6 +108,7 @@ OFF = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate_Hz", [1, 10])
 @pytest.mark.parametrize("off", OFF)
 def test_what_else_may_be_off_makes_no_delay(off, rate_Hz):

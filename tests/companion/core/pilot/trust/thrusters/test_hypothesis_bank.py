@@ -93,6 +93,7 @@ def test_waves_are_noise_and_no_thruster():
     assert nats < 15.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_commands_that_answer_waves_blame_no_thruster(seed):
     """Thrusters that are off by 20 % follow what waves did 0.3 s ago."""
@@ -125,6 +126,7 @@ def test_in_waves_what_spoke_for_a_fault_is_forgotten_where_nothing_more_does(wa
     assert state.nats[k] == pytest.approx(10.0 * kept, rel=0.02)
 
 
+@pytest.mark.long
 def test_covariances_stay_covariances_in_twenty_minutes_of_waves_that_come_and_go():
     rng, bank = np.random.default_rng(9), ThrusterBank(B, M)
     state = bank.initial()

@@ -147,17 +147,25 @@ def judged(verdicts=VERDICTS, bank=BANK, **found):
 @pytest.mark.parametrize(
     ("found", "named"),
     [
-        ({"stuck_1": (20.0, 30.0, 1.0), "pushed": (16.0, 0.0, 1.0)}, True),
-        ({"stuck_1": (20.0, 30.0, 1.0), "pushed": (18.0, 0.0, 1.0)}, False),
+        ({"stuck_1": (20.0, 30.0, 1.0), "pushed": (9.0, 0.0, 1.0)}, True),
+        ({"stuck_1": (20.0, 30.0, 1.0), "pushed": (11.0, 0.0, 1.0)}, False),
         ({"stuck_1": (18.0, 30.0, 1.0), "pushed": (20.0, 0.0, 1.0)}, False),
-        ({"gain_1": (22.0, -2.0, 0.1), "pushed": (16.0, 0.0, 1.0)}, True),
-        ({"gain_1": (20.0, -2.0, 0.1), "pushed": (16.0, 0.0, 1.0)}, False),
+        ({"gain_1": (27.0, -2.0, 0.1), "pushed": (16.0, 0.0, 1.0)}, True),
+        ({"gain_1": (25.0, -2.0, 0.1), "pushed": (16.0, 0.0, 1.0)}, False),
+        ({"gain_1": (16.0, -2.0, 0.1)}, True),
     ],
 )
 def test_a_thruster_is_named_where_a_push_explains_it_less_well(found, named):
     state = judged(**found)
     assert [f.what for f in state.findings] == [VESSEL.thrusters[1].name] * named
     assert state.probing != named and bool(state.suspected) != named
+
+
+@pytest.mark.parametrize(("peak", "named"), [(18.0, True), (21.0, False)])
+def test_a_thruster_for_which_less_and_less_speaks_is_not_named(peak, named):
+    seen = replace(BANK.initial(), peak=np.full(len(BANK.hypotheses), peak))
+    bank = SimpleNamespace(initial=lambda: seen, hypotheses=BANK.hypotheses, B=BANK.B)
+    assert bool(judged(bank=bank, gain_1=(17.0, -2.0, 0.1)).findings) == named
 
 
 def test_a_thruster_that_gives_nothing_or_may_be_stuck_at_a_little_is_dead():

@@ -15,7 +15,7 @@ incoming bytes give the same outgoing bytes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -106,13 +106,20 @@ class Afloat:
         self.in_flight: list[tuple[int, bytes]] = []
         self.silent_uwb = False
 
-    def advance(self, outputs_us: Sequence[int], step_ns: int = STEP_NS) -> Moment:
+    def advance(
+        self,
+        outputs_us: Sequence[int],
+        step_ns: int = STEP_NS,
+        changes: Iterable[tuple[int, Sequence[int]]] = (),
+    ) -> Moment:
         """One step on with these outputs of the autopilot; what the environment was.
 
-        Outputs 1..n go to thrusters and servos in the order of `vessel.controls`; 0 is no pulse.
+        Outputs 1..n go to thrusters and servos in the order of `vessel.controls`; 0 is no pulse. `changes`: others that
+        take their place on the way, when [ns] and what.
         """
-        pulses = outputs_us[: len(self.vessel.controls)]
-        self.plant.command(self.t_ns, tuple(float(p) if p else float(NEUTRAL_US) for p in pulses))
+        for t_ns, all_us in ((self.t_ns, outputs_us), *changes):
+            pulses = all_us[: len(self.vessel.controls)]
+            self.plant.command(t_ns, tuple(float(p) if p else float(NEUTRAL_US) for p in pulses))
         moment = self._environment.step((self.t_ns - self.zero_ns) * 1e-9, step_ns * 1e-9)
         self.plant.step(moment, step_ns)
         self.t_ns += step_ns
@@ -177,7 +184,7 @@ class World(Afloat):
 
     def step(self) -> Outgoing:
         """Advance the world by `STEP_NS`."""
-        moment = self.advance(self.rover.outputs_us)
+        moment = self.advance(self.rover.outputs_us, changes=self.rover.outputs_before(self.t_ns + STEP_NS))
         devices: dict[str, bytes] = {}
         for key, m in self.sensed(moment):
             if isinstance(m, GnssFix):  # its receiver is the autopilot's

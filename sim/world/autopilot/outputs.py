@@ -16,7 +16,7 @@ The safety switch cuts them all (0). From override to output it takes what was m
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 from companion.core.configuration.override_latency import override_latency_s
@@ -87,6 +87,14 @@ class Outputs:
                 changed = True
         if changed:
             self.pulses_us = tuple(self._now_us)
+
+    def due_before(self, end_ns: int) -> Iterator[tuple[int, tuple[int, ...]]]:
+        """What changes between now and `end_ns`, in order: when [ns], and the 16 pulse widths from then on."""
+        pulses_us = list(self._now_us)
+        for due_ns, i, wanted in sorted((t, i, us) for i, line in enumerate(self._pending) for t, us in line):
+            if due_ns < end_ns:
+                pulses_us[i] = wanted
+                yield due_ns, tuple(pulses_us)
 
     def _wiring(self, output: int) -> tuple[Wiring, int]:
         function = int(self._parameters[f"SERVO{output + 1}_FUNCTION"])

@@ -3,6 +3,7 @@
     receive(data, peer, t_ns) -> bytes         answers for that peer, at once
     step(t_ns, sensors) -> [(peer, bytes)]     what is due by t on every link
     outputs_us                                 16 pulse widths [us] as of the last call (0: no pulse)
+    outputs_before(t_ns)                       what of them changes until then
 
 The same calls give the same bytes. Times are the simulation's [ns] and must not fall.
 
@@ -64,6 +65,10 @@ class Rover:
     def outputs_us(self) -> tuple[int, ...]:
         """The 16 pulse widths that leave the autopilot now [us]."""
         return (0,) * CHANNELS if self._up_ns is not None else self.vehicle.outputs.pulses_us
+
+    def outputs_before(self, end_ns: int) -> list[tuple[int, tuple[int, ...]]]:
+        """What of `outputs_us` changes before `end_ns`: when [ns], and the pulse widths from then on."""
+        return [] if self._up_ns is not None else list(self.vehicle.outputs.due_before(end_ns))
 
     def add_link(self, peer: Hashable) -> None:
         """Start talking to a peer that has not spoken yet; without effect on a known one."""

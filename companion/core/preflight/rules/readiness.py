@@ -10,7 +10,7 @@ from companion.core.preflight.rules.arming import arming_is_checked
 from companion.core.preflight.rules.making import expected, row
 from companion.core.preflight.wiring import Companion, Wiring
 
-LATENCY_SLACK_S = 0.015
+LATENCY_SLACK_S = 0.01
 """How far off the run file's latency may be; assumed."""
 GOOD_LOOP_HZ = 63
 """80 % of it is 50 Hz, the rate of the streams."""

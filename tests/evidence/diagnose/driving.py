@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context  # fork beside polars' threads hangs
 
 import numpy as np
 from msgspec.structs import replace
@@ -17,6 +16,7 @@ from companion.core.configuration.vessel_file import Damping, VesselFile
 from sim.studies.driving.diagnosed import GOALS, LOG_S, DiagnosedBoat, Trip, imperfect, mended, pooled, trips
 from sim.world.teleop_log import teleop_logs
 from tests.evidence.line import Line, at_least, exactly, information
+from tests.evidence.processes import processes
 
 SEED = 5101
 FIRST_MISSION, MISSIONS = 5201, 2
@@ -156,7 +156,7 @@ def driving(full: bool) -> Iterator[Line]:
     print(f"  {len(names)} of {len(EFFECTS)} effects, boats from seed {SEED}, {MISSIONS} missions each from {seeds[0]}")
     runs: dict[tuple[str, str], list[Trip]] = {}
     found: dict[str, DiagnosedBoat] = {}
-    with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
+    with processes(PROCESSES) as pool:
         cases: list[Case] = []
         for future in as_completed([pool.submit(diagnosed, name) for name in names]):
             name, true, mend = future.result()

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 from scipy.stats import chi2
@@ -13,6 +11,7 @@ from sim.world.environment import Weather
 from tests.evidence.firmware.worlds import READY_S, Autopilot, autopilots, stand_ins, world_of
 from tests.evidence.line import Line, at_most, between, exactly
 from tests.evidence.main_job.parts import drive_mission
+from tests.evidence.processes import processes
 
 SEEDS, COMPARED_SEEDS = range(1, 6), range(1, 31)
 """Means of 5 would differ by 10 % by chance. The largest heading error on station varies by a third between seeds, and
@@ -50,7 +49,7 @@ def waves(full: bool) -> Iterator[Line]:
 def _missions(seeds: range, rough: bool, goals: tuple[tuple[str, float, str], ...]) -> Iterator[Line]:
     """Goals of the first five seeds of every autopilot; means of all seeds compared, where they are more."""
     kinds = [*autopilots(), *([] if rough else stand_ins())]
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with processes() as pool:
         driven = list(pool.map(drive, [(kind, seed, rough) for kind in kinds for seed in seeds]))
     runs = {kind: driven[k * len(seeds) : (k + 1) * len(seeds)] for k, kind in enumerate(kinds)}
     ours = {kind.gps: mine for kind, mine in runs.items() if kind.board}

@@ -6,10 +6,8 @@ table in docs/sitl.md: first column patterns of questions (`fnmatch`), last colu
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from tests.evidence.firmware import asked_commands, asked_protocol
 from tests.evidence.firmware.dialogue import Dialogue
 from tests.evidence.line import Line, at_least, exactly, information
 from tests.evidence.main_job.parts import reference_boat
+from tests.evidence.processes import processes
 from tests.support.autopilots.firmware_rig import binaries, world_with
 
 FAMILIES = {
@@ -70,7 +69,7 @@ def questions(full: bool) -> Iterator[Line]:
     versions = [version for _, version in named] or ["4.6", "4.7"]
     cases = [(family, "", version) for version in versions for family in FAMILIES]
     cases += [(family, str(path), version) for path, version in named for family in FAMILIES]
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with processes() as pool:
         got = list(pool.map(answers, cases))
     merged: dict[tuple[str, str], dict[str, str]] = {}
     for (_, binary, version), found in zip(cases, got, strict=True):

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 
 from companion.core.messages import Alert
 from sim.world.stepped import SteppedRun
 from tests.evidence.firmware.worlds import READY_S, Autopilot, autopilots, world_of
 from tests.evidence.line import Line, exactly
 from tests.evidence.main_job.parts import reference_boat
+from tests.evidence.processes import processes
 
 SHORT_S, HOUR_S = 600.0, 3600.0
 MINUTE_S = 60.0
@@ -36,7 +35,7 @@ def _lie(case: tuple[Autopilot, float]) -> Counter[str]:
 def rest(full: bool) -> Iterator[Line]:
     """At rest: alarms of a boat on still water, on every autopilot at hand, for 10 minutes; --full: an hour"""
     kinds, seconds = autopilots(), HOUR_S if full else SHORT_S
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with processes() as pool:
         for kind, alarms in zip(kinds, pool.map(_lie, [(k, seconds) for k in kinds]), strict=True):
             note = "; ".join(f"{count} x {text}" for text, count in alarms.most_common(3))
             yield exactly(f"{kind.name}: alarms in {seconds / 60:g} min", alarms.total(), 0, note=note)

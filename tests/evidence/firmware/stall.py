@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 from companion.core.messages import Alert, GroundTruth, OperatorCommand, StateEstimate
@@ -14,6 +12,7 @@ from tests.evidence.firmware.missions import WAVES
 from tests.evidence.firmware.worlds import READY_S, Autopilot, autopilots, world_of
 from tests.evidence.line import Line, at_least, at_most, exactly
 from tests.evidence.main_job.parts import reference_boat
+from tests.evidence.processes import processes
 
 STALLS_S = 2.0, 6.0, 20.0
 SEEDS = range(1, 4)
@@ -60,7 +59,7 @@ def stall(full: bool) -> Iterator[Line]:
     """Stalls: the companion stands still under way for 2, 6 and 20 s, seeds 1-3, calm and in waves"""
     kinds = autopilots()
     cases = [(k, s, seed, rough) for k in kinds for s in STALLS_S for seed in SEEDS for rough in (False, True)]
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with processes() as pool:
         results = list(zip(cases, pool.map(_try, cases), strict=True))
     for kind in kinds:
         for stall_s in STALLS_S:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 from companion.core.preflight.parameter_file import parse_parameters
@@ -12,6 +10,7 @@ from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
 from sim.world.world import WorldSetup
 from tests.evidence.line import Line, at_most, exactly
 from tests.evidence.main_job.parts import reference_boat
+from tests.evidence.processes import processes
 from tests.support.autopilots.firmware_rig import ARDUPILOT, binaries, world_with
 from tests.support.autopilots.stop_trial import Stopped, Trial, try_stop
 from tests.support.autopilots.stops import ALL, StopSet
@@ -60,7 +59,7 @@ def stops(full: bool) -> Iterator[Line]:
         if binary or chosen.simulated
         for number in range(len(chosen.stops))
     ]
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with processes() as pool:
         results = pool.map(run, [case for _, case in cases])
         for (title, case), stopped in zip(cases, results, strict=True):
             yield from _lines(f"{title}, {case.name}", case, stopped)

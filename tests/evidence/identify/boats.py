@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context  # fork beside polars' threads hangs
+from concurrent.futures import as_completed
 
 import numpy as np
 from scipy.stats import beta
@@ -14,6 +13,7 @@ from sim.studies.boats.campaign import BoatScore, CampaignFigures, figures, line
 from sim.studies.boats.lab_priors import BOLLARD, WEIGHED
 from tests.evidence.identify.paper import reference_vessel
 from tests.evidence.line import Line, at_most, between, exactly, information
+from tests.evidence.processes import processes
 
 SEED = 4001
 BOATS, FEW = 20, 4
@@ -30,7 +30,7 @@ def _campaign(full: bool, uwb_hz: float, sigma_m: float, seed: int) -> list[Camp
     n, began = BOATS if full else FEW, time.monotonic()
     print(f"  {n} of {BOATS} boats, seeds {seed} to {seed + n - 1}" + ("" if full else "; all with --full"))
     done: list[tuple[BoatScore, ...]] = []
-    with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
+    with processes(PROCESSES) as pool:
         for future in as_completed([pool.submit(_one, (seed + i, uwb_hz, sigma_m)) for i in range(n)]):
             done.append(future.result())
             for score in done[-1]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context  # fork beside polars' threads hangs
+from concurrent.futures import as_completed
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from sim.studies.boats.lab_priors import WEIGHED, measured
 from sim.studies.driving.identified import BelievedModel, Driven, missions
 from sim.world.teleop_log import teleop_run
 from tests.evidence.line import Line, at_least, at_most, exactly, information
+from tests.evidence.processes import processes
 
 SEED = 4201
 BOATS, FEW = 10, 2
@@ -62,7 +62,7 @@ def driven(full: bool) -> Iterator[Line]:
     seeds, began = tuple(range(FIRST_MISSION, FIRST_MISSION + m)), time.monotonic()
     print(f"  {n} of {BOATS} boats from seed {SEED}, {m} missions each from seed {FIRST_MISSION}")
     runs: dict[tuple[int, str], list[Driven]] = {}
-    with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
+    with processes(PROCESSES) as pool:
         boats = range(SEED, SEED + n)
         cases: list[Case] = []
         for seed, (boat, held) in zip(boats, pool.map(beliefs, boats), strict=True):

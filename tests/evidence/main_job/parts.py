@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from pathlib import Path
 
@@ -44,6 +42,7 @@ from sim.world.stepped import SteppedRun, SteppedWorld
 from sim.world.stepped_controller import PATIENT_S
 from sim.world.world import World, WorldSetup
 from tests.evidence.line import Line, at_least, at_most, between, exactly
+from tests.evidence.processes import processes
 
 ROOT = Path(__file__).resolve().parents[3]
 SEEDS = range(1, 21)
@@ -121,7 +120,7 @@ def drive_mission(world: SteppedWorld, wait_s: float = 0.0) -> dict[str, float]:
 
 def missions(full: bool) -> Iterator[Line]:
     """Missions: seeds 1-20 on the stepped clock, calm; then 0.1 m/s current, 3 m/s wind, plant off by 10 %"""
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with processes() as pool:
         for name, disturbed, cross_goal in (("calm", False, 0.15), ("disturbed", True, 0.25)):
             started = time.monotonic()
             runs = list(pool.map(drive, [(seed, disturbed) for seed in SEEDS]))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from sim.world.environment import Weather
 from tests.evidence.house.closed_loop import same_logs
 from tests.evidence.house.speed import ratios_to
 from tests.evidence.line import Line, at_least, at_most, exactly, information
+from tests.evidence.processes import processes
 from tests.support.drive_fixture import driving, figures, settled, setup, voyage
 
 BEFORE = os.environ.get("ARITRA_BASE", "233bd10")
@@ -60,7 +60,7 @@ def stopped(case: tuple[str, int]) -> tuple[float, float]:
 def actuators(full: bool) -> Iterator[Line]:
     """Actuators: rudder and azimuth boat over PWM channels on the stepped clock, five seeds; the X boat as before"""
     del full
-    with ProcessPoolExecutor(2) as pool:
+    with processes(2) as pool:
         for boat in ("rudder", "azimuth"):
             waypoints = len(setup(None, boat).pilot.mission.path.waypoints)
             for weather, (_, cross_m) in WEATHER.items():

@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import tempfile
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -33,6 +32,7 @@ from sim.fitting.identify.result import Estimate
 from sim.studies.boats.draw import draw_boat
 from sim.world.world import WorldSetup
 from tests.evidence.line import Line, at_least, information
+from tests.evidence.processes import processes
 
 MINUTES = 3.0
 """Of the example of `aritra excite design`."""
@@ -94,7 +94,7 @@ def flights(full: bool) -> Iterator[Line]:
     """Designed flights of boats drawn at random, in the simulator: dead time and lag as identified"""
     seeds = SEEDS if full else SEEDS[:OF_THEM]
     plan = designed(example())
-    with ProcessPoolExecutor(2) as pool:
+    with processes(2) as pool:
         found = list(pool.map(partial(flown_and_fitted, plan), seeds))
     yield information("flights flown to their end", sum(f.done for f in found), f"/ {len(found)}")
     goal = np.ceil(SHARE * len(found) - 1e-9)

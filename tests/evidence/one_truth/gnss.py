@@ -7,7 +7,6 @@ gusts, model off by up to 10 %. With the plain receiver waypoints count as passe
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -26,6 +25,7 @@ from tests.closed_loop.lake_fixture import (
     nees_band,
 )
 from tests.evidence.line import Line, at_least, at_most, between, exactly, information
+from tests.evidence.processes import processes
 from tests.support.drive_fixture import driving, healthy
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -43,7 +43,7 @@ def drive(case: tuple[int, bool]) -> dict[str, Any]:
 
 def gnss_missions(full: bool) -> Iterator[Line]:
     """The demo's mission on a lake, five seeds with each receiver"""
-    with ProcessPoolExecutor(2) as pool:
+    with processes(2) as pool:
         for plain, name, cross_m in ((False, "RTK", 0.15), (True, "plain", 4.5)):
             runs = list(pool.map(drive, [(seed, plain) for seed in SEEDS]))
             yield exactly(f"{name}: fewest waypoints passed, of 5", min(r["passed"] for r in runs), 5)

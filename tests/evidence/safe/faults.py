@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from pathlib import Path
 
 from hypothesis import HealthCheck, Phase, given, settings
@@ -17,6 +16,7 @@ from hypothesis import seed as seeded
 
 from companion.core.messages import ModeStatus, Tick
 from tests.evidence.line import Line, at_least, exactly, information
+from tests.evidence.processes import processes
 from tests.support.fault_fixture import FaultBench
 from tests.support.fault_oracle import judge, moving
 from tests.support.faults import Sequence, sequences
@@ -64,7 +64,7 @@ def lines(full: bool) -> list[Line]:
     """Random faults: 200 sequences on the stepped clock, judged at the wire and at the speed controllers"""
     counts: Counter[str] = Counter()
     wrong: list[str] = []
-    with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
+    with processes(PROCESSES) as pool:
         for done in as_completed([pool.submit(batch, seed) for seed in SEEDS]):
             more, found = done.result()
             counts += more

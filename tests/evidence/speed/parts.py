@@ -6,7 +6,6 @@ import math
 import os
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 
 import msgspec
@@ -27,6 +26,7 @@ from sim.bench.controller.starting import starts
 from sim.bench.controller.worlds import STEPS, BenchWorld, production_world
 from sim.bench.request import STEP_S, BenchRequest
 from tests.evidence.line import Line, at_least, at_most, exactly, information
+from tests.evidence.processes import processes
 from tests.evidence.speed import campaigns, diagnoses, fits, trajectories
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -133,7 +133,7 @@ def _pair(name: str) -> tuple[RtiPlanner, CasadiPlanner]:
 def closed_loop(full: bool) -> Iterator[Line]:
     """Closed loop, 20 seeds x 600 steps, each solver driving its own boat"""
     for name in STEP_S:
-        with ProcessPoolExecutor(os.cpu_count()) as pool:
+        with processes() as pool:
             runs = np.array(list(pool.map(_drive, [(name, seed) for seed in SEEDS])))
         ratios = runs[:, 0] / runs[:, 1]
         total = runs[:, 0].sum() / runs[:, 1].sum()
@@ -200,7 +200,7 @@ def _stress(case: tuple[int, int]) -> np.ndarray:
 def stress(full: bool) -> Iterator[Line]:
     """Stress: random states, references, disturbances and weights from a cold start, through the public call"""
     batches, each = (400, 250) if full else (10, 40)
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with processes() as pool:
         found = []
         for k, batch in enumerate(pool.map(_stress, [(seed, each) for seed in range(batches)])):
             found.append(batch)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 from unittest import mock
 
@@ -17,6 +15,7 @@ from companion.core.pilot.monitors.monitor import Monitor
 from companion.core.pilot.pilot import Pilot
 from companion.core.pilot.state import PilotState
 from tests.evidence.line import Line, at_least, at_most, exactly, information
+from tests.evidence.processes import processes
 from tests.fault_lab.trial import Verdict, trial
 from tests.fault_lab.weather import ROUND_S, sound_in_weather
 from tests.support.drive_fixture import setup
@@ -36,7 +35,7 @@ COST_S = 60.0
 def driving_on(full: bool) -> Iterator[Line]:
     """One thruster dead, at 40 %, reversed, swapped, mid-mission: 6 seeds each (--full: 20)"""
     seeds = range(1, 21) if full else range(1, 7)
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with processes() as pool:
         sound = float(np.median([v.cross_m for v in pool.map(_drive, [(seed, "") for seed in seeds])]))
         yield information("sound boat: cross-track error, median", sound, "m")
         for name, line in FAULTY.items():
@@ -58,7 +57,7 @@ def quiet(full: bool) -> Iterator[Line]:
     """False alarms in weather, hull and thrusters off by 20 %, NLOS and dropouts: 1 h (--full: 24 h)"""
     rounds = 288 if full else 12
     runs, alarms = list[Verdict](), 0
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with processes() as pool:
         for v in pool.map(sound_in_weather, range(FALSE_SEED, FALSE_SEED + rounds)):
             runs.append(v)
             if v.mode != "auto":

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
 
 from tests.evidence.line import Line, at_least, at_most, exactly, information
+from tests.evidence.processes import processes
 from tests.fault_lab.draw import draw, push
 from tests.fault_lab.fault import Fault, parse
 from tests.fault_lab.trial import MOVED_M, Verdict, trial
@@ -37,7 +36,7 @@ def noticed(full: bool) -> Iterator[Line]:
         "pairs": [(s, (draw(s), draw(s + 500))) for s in range(PAIR_SEED, PAIR_SEED + (100 if full else 14))],
     }
     trials: list[Trial] = []
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with processes() as pool:
         for name, cases in sets.items():
             of_set = list(zip(pool.map(_drive, cases), cases, strict=True))
             _tell(of_set)
@@ -54,7 +53,7 @@ def noticed(full: bool) -> Iterator[Line]:
 def pushed(full: bool) -> Iterator[Line]:
     """Something pushes the boat with 10 to 40 N for 2 to 60 s: 24 (--full: 100)"""
     seeds = range(PUSH_SEED, PUSH_SEED + (100 if full else 24))
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with processes() as pool:
         verdicts = list(pool.map(_drive, [(seed, (push(seed),)) for seed in seeds]))
     for v in verdicts:
         _tell_failure(v)

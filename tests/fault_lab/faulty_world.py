@@ -7,7 +7,7 @@ bytes. What a fault draws at random comes from the world's seed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -103,16 +103,26 @@ class FaultyWorld(World):
     def _of(self, *targets: str) -> list[Fault]:
         return [f for f in self.faults if f.target in targets]
 
-    def advance(self, outputs_us: Sequence[int], step_ns: int = STEP_NS):
+    def advance(
+        self,
+        outputs_us: Sequence[int],
+        step_ns: int = STEP_NS,
+        changes: Iterable[tuple[int, Sequence[int]]] = (),
+    ) -> Moment:
         """One step on; thruster faults change the pulses that reach the thrusters."""
-        t_s, pulses = self.t_ns * 1e-9, [p or NEUTRAL_US for p in outputs_us[: len(self.vessel.thrusters)]]
-        for fault in self._of("thruster", "thrusters"):
-            if fault.acts(t_s):
-                self._spoil(pulses, fault)
+        (_, pulses_us), *more = ((t_ns, self._arriving(t_ns, us)) for t_ns, us in ((self.t_ns, outputs_us), *changes))
         for fault in self._of("battery"):
-            if fault.acts(t_s):
+            if fault.acts(self.t_ns * 1e-9):
                 self.plant.voltage_v = fault.size
-        return super().advance([round(p) for p in pulses], step_ns)
+        return super().advance(pulses_us, step_ns, more)
+
+    def _arriving(self, t_ns: int, outputs_us: Sequence[int]) -> list[int]:
+        """What of these outputs reaches the thrusters from `t_ns` on."""
+        pulses = [p or NEUTRAL_US for p in outputs_us[: len(self.vessel.thrusters)]]
+        for fault in self._of("thruster", "thrusters"):
+            if fault.acts(t_ns * 1e-9):
+                self._spoil(pulses, fault)
+        return [round(p) for p in pulses]
 
     def _pushed(
         self, step: Callable[..., Motion], pushes: Sequence[Fault], dice: np.random.Generator

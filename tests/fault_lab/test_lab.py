@@ -103,7 +103,6 @@ def test_a_reversed_thruster_is_named_within_seconds_and_the_boat_drives_on():
     assert (cause, what) == ("thruster", "front_port") and t_s < 31.0
 
 
-@pytest.mark.long
 def test_frozen_ranges_are_left_out_and_end_in_neutral():
     verdict = trial(5, "uwb frozen from 20", duration_s=42.0)
     assert not verdict.failed and verdict.healthy_wrong_s == 0.0 and verdict.mode == "safe"

@@ -25,7 +25,9 @@ ROUGH_NATS = 20.0
 steadily for some seconds. Assumed: in 24 h of weather, with hull and thrusters off by 20 %, a sound boat reached 17."""
 PUSH_NATS = 10.0
 """So much ahead of a push a thruster must be: one that pushes along a thruster, with its lever, looks like it until the
-commands change. Assumed: such pushes were up to 9 behind; thrusters that are wrong are ahead by 10 as soon as by 5."""
+commands change. Assumed: such pushes were up to 9 behind; thrusters that are wrong are ahead by 10 as soon as by 5.
+`AHEAD_NATS` suffice for one that sticks at more than can be borne: it drives the boat out meanwhile, and either way
+ends in neutral."""
 FALLEN_NATS = 3.0
 """A hypothesis that has lost so much since its best is no longer what happens: a push that is over leaves some behind.
 Assumed."""
@@ -150,7 +152,9 @@ class ThrusterVerdicts:
         """What to believe, and what explains it as well, of the `best` and those that are near it."""
         nats, kinds, h = state.bank.nats, self._bank.hypotheses, self._bank.hypotheses[best]
         rivals = [kinds[k] for k in near if k != self._pushed]
-        if h.blames_thrust and 0.0 < nats[self._pushed] > nats[best] - PUSH_NATS:
+        is_unbearable = h.kind == "stuck" and not self.is_bearable(h.i, float(state.bank.mean[best, -1]))
+        ahead = AHEAD_NATS if is_unbearable else PUSH_NATS
+        if h.blames_thrust and 0.0 < nats[self._pushed] > nats[best] - ahead:
             rivals.append(kinds[self._pushed])
         if h.kind == "pushed" and rivals and all(r.blames_accelerometer for r in rivals):
             return kinds.index(rivals[0]), []  # without the accelerometer the filter follows a push as well

@@ -147,8 +147,10 @@ def judged(verdicts=VERDICTS, bank=BANK, **found):
 @pytest.mark.parametrize(
     ("found", "named"),
     [
-        ({"stuck_1": (20.0, 30.0, 1.0), "pushed": (9.0, 0.0, 1.0)}, True),
-        ({"stuck_1": (20.0, 30.0, 1.0), "pushed": (11.0, 0.0, 1.0)}, False),
+        ({"stuck_1": (20.0, 30.0, 1.0), "pushed": (14.0, 0.0, 1.0)}, True),
+        ({"stuck_1": (20.0, 30.0, 1.0), "pushed": (16.0, 0.0, 1.0)}, False),
+        ({"stuck_1": (20.0, 8.0, 1.0), "pushed": (9.0, 0.0, 1.0)}, True),
+        ({"stuck_1": (20.0, 8.0, 1.0), "pushed": (11.0, 0.0, 1.0)}, False),
         ({"stuck_1": (18.0, 30.0, 1.0), "pushed": (20.0, 0.0, 1.0)}, False),
         ({"gain_1": (27.0, -2.0, 0.1), "pushed": (16.0, 0.0, 1.0)}, True),
         ({"gain_1": (25.0, -2.0, 0.1), "pushed": (16.0, 0.0, 1.0)}, False),

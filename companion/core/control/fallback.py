@@ -24,7 +24,7 @@ from companion.core.configuration.tables import Positive, Table
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.control.allocation import allocate
 from companion.core.geometry.frames import ssa, unrotate
-from companion.core.guidance.reference_row import Column
+from companion.core.guidance.reference_row import REACH_M, Column, path_errors
 from companion.core.messages import PlanResult, StateEstimate
 from companion.core.model.actuators.propulsion import control_limits
 from companion.core.model.manoeuvring import mass_matrix
@@ -46,7 +46,7 @@ class FallbackSettings(Table, frozen=True, kw_only=True):
     omega_position_rad_s: Positive = 0.7
     surge_time_s: Positive = 1.5
     """T_u."""
-    position_error_max_m: Positive = 1.0
+    position_error_max_m: Positive = REACH_M
     """The PD law sees no larger error than this: a far path is approached, not jumped at."""
 
 
@@ -121,10 +121,7 @@ def pd_force(
     M, d, c = np.diag(mass_matrix(vessel)), vessel.damping, settings
     u_ref, station, far = row[Column.U], row[Column.STATION], c.position_error_max_m
     psi, nu = estimate.psi_rad, np.array([estimate.u_m_s, estimate.v_m_s, estimate.r_rad_s])
-    x_e, y_e = unrotate(
-        row[Column.PATH_ANGLE], estimate.north_m - row[Column.NORTH], estimate.east_m - row[Column.EAST]
-    )
-    x_e, y_e = np.clip((station * x_e, y_e), -far, far)
+    x_e, y_e = np.clip(path_errors(row, estimate.north_m, estimate.east_m), -far, far)
     ahead, side = unrotate(psi - row[Column.PATH_ANGLE], x_e, y_e)
     w = c.omega_position_rad_s
     along = (u_ref - nu[0]) / c.surge_time_s

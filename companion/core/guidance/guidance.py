@@ -126,28 +126,19 @@ def horizon(
     psi is continuous and starts within pi of `eta`'s. While idle: hold the present pose. A boat that is far away is
     led back by `within_reach`.
     """
-    return within_reach(_rows(state, settings, eta, nu, times_s), eta)
-
-
-def _rows(
-    state: GuidanceState,
-    settings: GuidanceSettings,
-    eta: Sequence[float],
-    nu: Sequence[float],
-    times_s: Sequence[float],
-) -> np.ndarray:
     if state.phase == "leg" and state.route is not None and settings.steering == "los":
         leg = state.target - 1
         x_e, _ = state.route.errors(leg, eta[0], eta[1])
         angle, (n, e) = state.route.angles_rad[leg], state.route.points[leg]
         first = (n + x_e * math.cos(angle), e + x_e * math.sin(angle))
-        return los_rows(first, angle, near(state.psi_ref_rad, eta[2]), state.u_ref_m_s, times_s)
+        rows = los_rows(first, angle, near(state.psi_ref_rad, eta[2]), state.u_ref_m_s, times_s)
+        return within_reach(rows, eta)
     if state.course is None:
         state = replace(hold(settings, eta, (0.0, 0.0, 0.0), state.t_ns), phase="idle")
     track = reference_track(state, settings, nu)
     y_e = track.cross_track(state.s_m, eta[0], eta[1])
     walker = Walker(state.s_m, near(state.psi_ref_rad, eta[2]), state.u_ref_m_s, y_e)
-    return course_rows(track, walker, times_s)
+    return within_reach(course_rows(track, walker, times_s), eta)
 
 
 def _floats(values: Sequence[float]) -> tuple[float, ...]:

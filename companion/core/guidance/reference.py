@@ -23,7 +23,7 @@ from companion.core.configuration.tables import Table
 from companion.core.geometry.frames import rotate, ssa, unrotate
 from companion.core.guidance.course import Course, PathLimits
 from companion.core.guidance.path import los_heading
-from companion.core.guidance.reference_row import Column
+from companion.core.guidance.reference_row import REACH_M, Column, path_errors
 
 
 class GuidanceSettings(Table, frozen=True, kw_only=True):
@@ -57,11 +57,6 @@ class GuidanceSettings(Table, frozen=True, kw_only=True):
         for name in ("kappa", "settle_s", "steerage_m_s"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must not be negative, but is {getattr(self, name)}")
-
-
-REACH_M = 1.0
-"""Farther away the reference does not wait for the boat, as in the PD law (`FallbackSettings.position_error_max_m`):
-the speed at which an NMPC closes an error grows with it. Assumed."""
 
 
 @dataclass(frozen=True)
@@ -144,15 +139,10 @@ def course_rows(track: ReferenceTrack, walker: Walker, times_s: Sequence[float])
 
 
 def within_reach(rows: np.ndarray, eta: Sequence[float]) -> np.ndarray:
-    """The rows of a horizon moved towards a boat at eta = [x y psi], so that the first is `REACH_M` away at most.
-
-    [x_e y_e]' = R(pi_p)' (p - p_0); along the path as far as that counts there (station weight).
-    """
-    north, east, angle, weight = rows[0, [Column.NORTH, Column.EAST, Column.PATH_ANGLE, Column.STATION]]
-    x_e, y_e = unrotate(angle, eta[0] - north, eta[1] - east)
-    beyond = [e - max(-REACH_M, min(REACH_M, e)) for e in (weight * x_e, y_e)]
+    """The rows of a horizon moved towards a boat at eta = [x y psi], so that the first is `REACH_M` away at most."""
+    beyond = [e - max(-REACH_M, min(REACH_M, e)) for e in path_errors(rows[0], eta[0], eta[1])]
     if any(beyond):
-        rows[:, [Column.NORTH, Column.EAST]] += rotate(angle, *beyond)
+        rows[:, [Column.NORTH, Column.EAST]] += rotate(rows[0, Column.PATH_ANGLE], *beyond)
     return rows
 
 

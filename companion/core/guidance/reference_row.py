@@ -15,6 +15,8 @@ from enum import IntEnum
 
 import numpy as np
 
+from companion.core.geometry.frames import unrotate
+
 COLUMNS = ("north_m", "east_m", "path_angle_rad", "psi_rad", "u_m_s", "v_m_s", "r_rad_s", "station")
 
 
@@ -29,6 +31,16 @@ class Column(IntEnum):
     V = 5
     R = 6
     STATION = 7
+
+
+REACH_M = 1.0
+"""A boat that is farther away counts as so far: controllers close an error at a speed that grows with it. Assumed."""
+
+
+def path_errors(row: np.ndarray, north_m: float, east_m: float) -> tuple[float, float]:
+    """(w x_e, y_e) of a place to the stage's point [m]: along its path, as far as that counts there, and across."""
+    x_e, y_e = unrotate(row[Column.PATH_ANGLE], north_m - row[Column.NORTH], east_m - row[Column.EAST])
+    return row[Column.STATION] * x_e, y_e
 
 
 def near(psi_ref: np.ndarray, psi: float) -> np.ndarray:

@@ -91,10 +91,10 @@ class Outputs:
     def due_before(self, end_ns: int) -> Iterator[tuple[int, tuple[int, ...]]]:
         """What changes between now and `end_ns`, in order: when [ns], and the 16 pulse widths from then on."""
         pulses_us = list(self._now_us)
-        for due_ns, i, wanted in sorted((t, i, us) for i, line in enumerate(self._pending) for t, us in line):
-            if due_ns < end_ns:
-                pulses_us[i] = wanted
-                yield due_ns, tuple(pulses_us)
+        due = ((t_ns, i, us) for i, pending in enumerate(self._pending) for t_ns, us in pending if t_ns < end_ns)
+        for t_ns, i, wanted_us in sorted(due):
+            pulses_us[i] = wanted_us
+            yield t_ns, tuple(pulses_us)
 
     def _wiring(self, output: int) -> tuple[Wiring, int]:
         function = int(self._parameters[f"SERVO{output + 1}_FUNCTION"])

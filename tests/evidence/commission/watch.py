@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import random
 import signal
 import subprocess
@@ -11,7 +10,6 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +25,7 @@ from sim.commission.watch.mission_fit import MissionInformation, boat_effects, m
 from tests.evidence.commission.fouled_boats import RAMP, UNCHANGED, Fouling, boat, fouling, mission, vessel
 from tests.evidence.commission.story import Story
 from tests.evidence.line import Line, at_least, at_most, exactly, information
+from tests.evidence.processes import processes
 
 FIRST_BOAT = 103
 """Seed of the first boat; seeds below were used while the method was made."""
@@ -117,7 +116,7 @@ def watch_killed(full: bool) -> Iterator[Line]:
 
 
 def _pool() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), initializer=_one_thread)
+    return processes(initializer=_one_thread)
 
 
 def _one_thread() -> None:

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import os
 import resource
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 from tests.evidence.line import Line, at_least, at_most, exactly
+from tests.evidence.processes import processes
 from tests.support.fuzzing.fuzz import fuzz
 from tests.support.fuzzing.readers import READERS
 
@@ -47,7 +46,7 @@ def lines(full: bool) -> list[Line]:
     """Fuzzing: MAVLink, UWB, configuration, missions, parameters and logs; seeds 2026 and 2027"""
     told_of: list[Line] = []
     total = undocumented = 0
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+    with processes(1, max_tasks_per_child=1) as pool:
         for name, cases, size, raised, wrong, grown_mb in pool.map(run, READERS):
             total, undocumented = total + size, undocumented + len(wrong)
             for kind, data in wrong.items():

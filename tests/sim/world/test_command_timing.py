@@ -34,12 +34,16 @@ def test_a_commanded_force_comes_when_the_run_file_and_the_vessel_file_say():
     propulsion = KNOWN.vessel.propulsion
     act_s = 1e-9 * np.array([lease.t_ns for lease in leases]) + KNOWN.control.latency_s + propulsion.dead_time_s
     commands = np.array([lease.f_command_n for lease in leases])
-    f, slope, true = np.zeros(4), [], []
-    for k, (t_s, until_s) in enumerate(pairwise(act_s)):
+
+    def after(f, command, s):
+        return command + (f - command) * np.exp(-s / propulsion.lag_s)
+
+    f, slope, left = np.zeros(4), [], []
+    for command, (t_s, until_s) in zip(commands[:-1], pairwise(act_s), strict=True):
         for truth in (g for g in truths if t_s <= 1e-9 * g.t_ns < until_s):
-            now = commands[k] + (f - commands[k]) * np.exp(-(1e-9 * truth.t_ns - t_s) / propulsion.lag_s)
-            slope.append((commands[k] - now) / propulsion.lag_s)
-            true.append(np.array(truth.f_n) - now)
-        f = commands[k] + (f - commands[k]) * np.exp(-(until_s - t_s) / propulsion.lag_s)
-    delay_s = -np.sum(np.array(slope) * true) / np.sum(np.square(slope))
+            now = after(f, command, 1e-9 * truth.t_ns - t_s)
+            slope.append((command - now) / propulsion.lag_s)
+            left.append(truth.f_n - now)
+        f = after(f, command, until_s - t_s)
+    delay_s = -np.sum(np.multiply(slope, left)) / np.sum(np.square(slope))
     assert abs(delay_s) < 1.5e-3

@@ -15,8 +15,8 @@ from companion.core.geometry.frames import rotate, unrotate
 from companion.core.guidance.guidance import start, step
 from companion.core.guidance.path import Path, Waypoint
 from companion.core.guidance.progress import Passage
-from companion.core.guidance.reference import REACH_M, GuidanceSettings, within_reach
-from companion.core.guidance.reference_row import Column
+from companion.core.guidance.reference import GuidanceSettings, within_reach
+from companion.core.guidance.reference_row import REACH_M, Column
 from companion.core.messages import GroundTruth, GuidanceReference, OperatorCommand
 from companion.core.pilot.pilot import Pilot
 from sim.world.stepped import SteppedRun

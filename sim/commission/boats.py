@@ -11,6 +11,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
@@ -24,7 +25,7 @@ from companion.core.pilot.pilot import Pilot
 from companion.logs.log_file import LogError, LogFile
 from companion.python_child import dependent_aritra
 from sim.commission.journal import LOG
-from sim.world.stepped import SteppedRun
+from sim.world.stepped import SteppedRun, SteppedWorld
 from sim.world.stepped_controller import no_plan, stepped_controller
 from sim.world.stepped_logs import TRUTH, SteppedLogs
 from sim.world.world import World, WorldSetup
@@ -38,6 +39,13 @@ STATION_S, ARRIVED = 10.0, ("station", "done")
 NEAR_M = 4.0
 """Clearance from which on somebody brings the simulated boat back; assumed."""
 Say = Callable[[str], None]
+Worlds = Callable[[WorldSetup, int], AbstractContextManager[SteppedWorld]]
+"""A world for one flight, by its setup and seed."""
+
+
+def simulated_world(setup: WorldSetup, seed: int) -> AbstractContextManager[SteppedWorld]:
+    """The world with the simulated autopilot."""
+    return contextlib.nullcontext(World(setup, seed))
 
 
 @dataclass(frozen=True)
@@ -62,25 +70,27 @@ class Boat(Protocol):
 
 @dataclass(frozen=True)
 class SimulatedBoat:
-    """The boat `world` in the simulator. `seed`: of the first flight.
+    """The boat `world` in the simulator. `seed`: of the first flight. `worlds`: with which autopilot.
 
     Each flight begins where the last one ended; from nearer to the fence than `NEAR_M` somebody brings it to its start.
     """
 
     world: WorldSetup
     seed: int
+    worlds: Worlds = simulated_world
 
     def fly(self, files: Mapping[str, str], folder: Path, say: Say) -> Flown:
         """See `Boat`."""
         setup = setup_of(files, {name: f"{folder / name}" for name in files})
         number = int(folder.name[:2])
-        world = replace(self.world, start=self._start(folder.parent, setup.pilot.pen))
+        start = replace(self.world, start=self._start(folder.parent, setup.pilot.pen))
         excite = setup.pilot.excitation is not None
         pilot = Pilot(setup.pilot)
         solve = no_plan if excite else stepped_controller(setup.pilot).solve
         begin = "excite" if excite else "start"
-        with SteppedLogs(folder, setup, time.time_ns()) as logs:
-            run = SteppedRun(World(world, 1000 * self.seed + number), pilot, solve, begin, logs.record)
+        logged = SteppedLogs(folder, setup, time.time_ns())
+        with logged as logs, self.worlds(start, 1000 * self.seed + number) as world:
+            run = SteppedRun(world, pilot, solve, begin, logs.record)
             started = False
             while run.world.t_ns < LIMIT_S * 1e9:
                 run.run(lambda _run: False, STEP_S)

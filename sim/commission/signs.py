@@ -1,8 +1,10 @@
 """Flights that show which thruster pushes where, and in which axes heading and positions count.
 
     pulses    one thruster at a time: they turn a boat, and tell its thrusters apart
-    legs      all together ahead and astern, a turn between them: a boat that two thrusters only push ahead shows the
-              axes of its positions by going to and fro about a metre, on headings that differ
+    legs      all together ahead and astern, and to both sides where they can, a turn between them: a boat that two
+              thrusters only push ahead shows the axes of its positions by going to and fro about a metre, on headings
+              that differ; front and rear of one side of an X boat, with changed places, push aside the wrong way and
+              do nothing else wrong
 
 Nothing here takes the file's word: a leg of a boat whose thruster is reversed is a turn, and its turn a leg. There is
 no way back under power, for it might be the way out, and the filter is told that the file's forces may be as wrong as
@@ -51,12 +53,13 @@ def signs_segments(vessel: VesselFile, flown: int) -> tuple[Segment, ...]:
 
 
 def _legs(vessel: VesselFile, speed_m_s: float) -> tuple[Segment, ...]:
-    """Ahead and astern on several headings, at the speed that the file's boat gets; none at rest."""
+    """To and fro along both axes on several headings, at the speed that the file's boat gets; none at rest."""
     reach, inertia = axis_reach(vessel), np.diag(mass_matrix(vessel))
     if not speed_m_s or not reach[[0, 2]].all():
         return ()
-    ahead, astern = np.minimum(speed_m_s / PUSH_S * inertia[0] / reach[0], PULSE_LEVEL).round(3).tolist()
-    turn = round(float(min(TURN_RAD_S / PUSH_S * inertia[2] / reach[2].min(), PULSE_LEVEL)), 3)
+    ahead, astern = _levels(reach[0], speed_m_s * inertia[0])
+    starboard, port = _levels(reach[1], speed_m_s * inertia[1])
+    turn = min(_levels(reach[2], TURN_RAD_S * inertia[2]))
     coast = (0.0,) * COAST
     leg = Steps(
         name="to and fro",
@@ -65,8 +68,23 @@ def _legs(vessel: VesselFile, speed_m_s: float) -> tuple[Segment, ...]:
         levels=(ahead, *coast, -astern, *coast),
         hold_s=PUSH_S,
     )
+    aside = Steps(
+        name="sideways",
+        why="which thrusters push to which side",
+        Y=1.0,
+        levels=(starboard, *coast, -port, *coast),
+        hold_s=PUSH_S,
+    )
     side = Steps(name="turn", why="another heading", N=1.0, levels=(turn, *coast), hold_s=PUSH_S)
-    return (leg, side) * LEGS
+    return (leg, *((aside,) if reach[1].all() else ()), side) * LEGS
+
+
+def _levels(reach: np.ndarray, momentum: float) -> tuple[float, float]:
+    """Shares of the `reach` (2,) both ways that give the momentum in one push, `PULSE_LEVEL` at most."""
+    if not reach.all():
+        return 0.0, 0.0
+    first, second = np.minimum(momentum / PUSH_S / reach, PULSE_LEVEL).round(3).tolist()
+    return first, second
 
 
 def distrusted(vessel: VesselFile) -> VesselFile:

@@ -2,5 +2,7 @@
 
 from tests.evidence.commission import watch
 from tests.evidence.commission.boats import boats
+from tests.evidence.commission.killed import killed
+from tests.evidence.commission.on_firmware import on_firmware
 
-PARTS = (boats, *watch.PARTS)
+PARTS = (boats, killed, on_firmware, *watch.PARTS)

@@ -115,6 +115,7 @@ def test_a_killed_commissioning_goes_on_and_drives_the_mission_with_what_it_foun
     gains = [t.gain / true.gain for t, true in zip(outcome.vessel.thrusters, true.thrusters, strict=True)]
     assert max(gains) / min(gains) < 1.05  # the common scale is a matter of the prior
     assert outcome.proof is not None and outcome.proof.best != "first file"
+    assert not any(line.startswith("no diagnosis") for line in outcome.causes)
     assert last_flight.stage == NEW and last_flight.cross_track_rms_m and last_flight.cross_track_rms_m < 0.15
     for path in folder.glob(f"*/{TRUTH}"):
         for truth in LogFile(path).messages(GroundTruth):

@@ -15,6 +15,7 @@ from sim.fitting.diagnose.catalogue import environment, hull, propulsion, sensor
 from sim.fitting.diagnose.catalogue.effect import Effect
 from sim.fitting.diagnose.catalogue.propulsion import STARTS, Onset
 from sim.fitting.diagnose.posterior.clock import LogClock
+from sim.fitting.diagnose.vessel_edits.public_table import PUBLIC
 from sim.fitting.engine.windows import reads_lean
 
 ONSET_STEP_S = 60.0  # interval between the starts of the search for an onset; assumed
@@ -81,10 +82,11 @@ def _onsets(begins: np.ndarray, lengths: np.ndarray, start: float, end: float) -
 def without_effects(entries: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ...]:
     """`entries` without those of `names`: full names, or families (`thruster_gain` of `thruster_gain:rear_port`).
 
-    Shows what a diagnosis says of an effect that it does not know. ValueError for an unknown name.
+    Shows what a diagnosis says of an effect that it does not know. ValueError for an unknown name; one that other boats
+    or logs have is left out already.
     """
     known = {e.name for e in (*entries, *stochastic.effects()) if e.family != "base"}
-    families = {name.partition(":")[0] for name in known}
+    families = {name.partition(":")[0] for name in known} | PUBLIC.keys()
     if unknown := [name for name in names if name not in known | families]:
         raise ValueError(f"without {unknown[0]!r}: no such effect; there are {', '.join(sorted(families))}")
     return tuple(e for e in entries if e.family == "base" or not {e.name, e.name.partition(":")[0]} & set(names))

@@ -143,6 +143,15 @@ def test_an_entry_can_be_left_out_by_name_or_head():
         without_effects(entries, ["base:M11_kg"])
 
 
+def test_what_logs_without_roll_and_pitch_cannot_show_may_be_left_out_of_them_all_the_same():
+    unlevelled = drive()
+    table = unlevelled.table.drop("phi_rad", "theta_rad", strict=False)
+    entries = catalogue(VESSEL, [Run(table, unlevelled.meta)])
+    assert "imu_lever_arm" not in {e.name for e in entries}
+    gone = without_effects(entries, ["imu_lever_arm", "tether"])
+    assert {e.name for e in entries} - {e.name for e in gone} == {"tether"}
+
+
 def test_the_command_says_which_name_it_does_not_know(tmp_path, capsys):
     table = drive().table.select(c for c in drive().table.columns if not c.startswith("true_"))
     write_run(Run(table, drive().meta), tmp_path / "drive.csv")

@@ -1,0 +1,152 @@
+"""One drawn boat commissioned in the simulator, and its mission with the true file, the first, the new and others'."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
+from companion.core.configuration.vessel_file import VesselFile
+from companion.core.excitation.file import load_excitation
+from companion.core.excitation.pen import Pen
+from companion.core.messages import GroundTruth, OverrideLease
+from companion.core.model.vessel_text import vessel_toml
+from companion.logs.log_file import LogFile
+from companion.logs.readers.read_run import ReadOptions, read_run
+from sim.commission.belief import learned
+from sim.commission.boats import SimulatedBoat, Worlds, simulated_world
+from sim.commission.job import NEW, OLD, Commissioning, CommissionOutcome, CommissionTask
+from sim.commission.journal import LOG, FlightJournal, FlightRecord, stage_of
+from sim.commission.stages import PROVEN, STAGES
+from sim.fitting.engine.split import NamedLog
+from sim.studies.driving.identified import BelievedModel, Driven, missions
+from sim.world.stepped_logs import TRUTH
+from sim.world.world import WorldSetup
+from tests.evidence.commission.draw import DrawnBoat, drawn
+from tests.evidence.commission.others import DATE, OTHERS
+
+MINUTES = 30.0
+SEEDS = (1, 2)
+TRUE, FIRST, COMMISSIONED = "true", "first", "new"
+
+
+@dataclass(frozen=True)
+class OneBoat:
+    """How one boat ended. `missions`: by the name of the file that they were driven with.
+
+    `said`: what it says of causes and of why not; `room_m`: least room of the true boat to the fence in any flight [m];
+    `outside_s`: how long thrusters were driven while it was beyond [s].
+    """
+
+    seed: int
+    hidden: tuple[str, ...]
+    reached: bool
+    said: tuple[str, ...]
+    flights: tuple[tuple[str, FlightRecord], ...]
+    room_m: float
+    outside_s: float
+    missions: Mapping[str, list[Driven]] = field(default_factory=dict)
+
+    def ratio(self, figure: str, of: str = COMMISSIONED) -> float:
+        """A figure of the missions over that with the true file; inf: one missed a waypoint; NaN: none was driven."""
+        own, true = self.missions.get(of), self.missions[TRUE]
+        if not own:
+            return math.nan
+        if any(m.missed for m in (*own, *true)):
+            return math.inf
+        return float(np.mean([getattr(m, figure) for m in own]) / np.mean([getattr(m, figure) for m in true]))
+
+    @property
+    def minutes(self) -> float:
+        """Flown until the new file was proven, without the missions."""
+        return sum(r.seconds for name, r in self.flights if name not in (OLD, NEW)) / 60
+
+
+def task_of(boat: DrawnBoat, setup: RunSetup) -> CommissionTask:
+    """Half an hour of the demo's basin and mission."""
+    library = EXAMPLES / "excitations" / "library.toml"
+    return CommissionTask(
+        files={**setup.files, "vessel.toml": vessel_toml(boat.first)},
+        vessel=boat.first,
+        site=setup.pilot.site,
+        points=tuple(setup.pilot.mission.path.points),
+        library=load_excitation(library.read_text(encoding="utf-8"), name=library.name),
+        minutes=MINUTES,
+        date=DATE,
+    )
+
+
+def fly(boat: DrawnBoat, setup: RunSetup, folder: Path, worlds: Worlds = simulated_world) -> CommissionOutcome:
+    """Commission the boat in `folder`."""
+    task = task_of(boat, setup)
+    north_m, east_m = map(float, Pen(task.site).middle)
+    world = WorldSetup(boat.true, task.site, start=(north_m, east_m, 0.5), weather=boat.weather)
+    simulated = SimulatedBoat(world, boat.seed, worlds)
+    return Commissioning(task, simulated, FlightJournal(folder, task.files), lambda _text: None).run()
+
+
+def commissioned(seed: int) -> OneBoat:
+    """Commission the boat of a seed; its mission with every file that there is of it."""
+    setup = load_setup(EXAMPLES / "aritra.toml")
+    boat = drawn(seed, setup.pilot.vessel)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "boat"
+        outcome = fly(boat, setup, folder)
+        files = {TRUE: boat.true} | after_stages(boat, setup, folder)
+        room_m, outside_s = fence_of(folder, Pen(setup.pilot.site))
+    # A first file with thrusters in the wrong places is not driven with: nobody should.
+    if not {"swapped", "reversed"} & set(boat.hidden):
+        files[FIRST] = boat.first
+    if outcome.reached:
+        files[COMMISSIONED] = outcome.vessel
+    files |= {name: vessel for name, other in OTHERS.items() if (vessel := other(boat, setup)) is not None}
+    return OneBoat(
+        seed,
+        boat.hidden,
+        outcome.reached,
+        tuple(filter(None, (*outcome.belief.wiring.lines, *outcome.causes, outcome.why))),
+        outcome.flights,
+        room_m,
+        outside_s,
+        {name: missions(boat.true, BelievedModel(name, vessel), setup.pilot, SEEDS, weather=boat.weather)
+         for name, vessel in files.items()},
+    )  # fmt: skip
+
+
+def after_stages(boat: DrawnBoat, setup: RunSetup, folder: Path) -> dict[str, VesselFile]:
+    """What was believed at the end of each stage, by its name, where that was fit to drive with."""
+    believed: dict[str, VesselFile] = {}
+    flights = FlightJournal(folder, task_of(boat, setup).files).flights()
+    logs: list[NamedLog] = []
+    for stage in (s for s in STAGES if s is not PROVEN):
+        own = [path for path in flights if stage_of(path) == stage.name]
+        reading = ReadOptions(boat.first, setup.pilot.site)
+        logs += [NamedLog(path.name, read_run(path / LOG, reading)) for path in own]
+        belief = learned(boat.first, logs, DATE) if own else None
+        if belief and belief.signs_known and belief.fit is not None:
+            believed[stage.name] = belief.vessel
+    return believed
+
+
+def fence_of(folder: Path, pen: Pen) -> tuple[float, float]:
+    """Least room of the true boat to the fence [m], and how long it was driven beyond it [s], in all flights."""
+    rooms, outside_s = [math.inf], 0.0
+    for path in sorted(folder.glob(f"*/{TRUTH}")):
+        truths = [m for m in LogFile(path).messages(GroundTruth) if isinstance(m, GroundTruth)]
+        room = pen.clearance(np.array([(m.north_m, m.east_m) for m in truths]))
+        rooms.append(float(room.min()))
+        leases = [m for m in LogFile(path.parent / LOG).messages(OverrideLease) if isinstance(m, OverrideLease)]
+        at = np.searchsorted([m.t_ns for m in truths], [m.t_ns for m in leases]).clip(max=len(truths) - 1)
+        driven = np.array([m.source != "neutral" for m in leases])
+        outside_s += float((driven & (room[at] < 0)).sum()) * _period_s(leases)
+    return min(rooms), outside_s
+
+
+def _period_s(leases: list[OverrideLease]) -> float:
+    """Median time between leases [s]."""
+    return float(np.median(np.diff([m.t_ns for m in leases]))) * 1e-9 if len(leases) > 1 else 0.0

@@ -16,6 +16,7 @@ from companion.core.configuration.site_file import Site, load_site
 from companion.core.configuration.tables import TEXT, ConfigError, digest
 from companion.core.configuration.vessel_file import RotorMap, Thruster, VesselFile
 from companion.core.constants import NEUTRAL_US, pack_range
+from companion.core.control.nmpc.settings import nmpc_for
 from companion.core.excitation.file import load_excitation
 from companion.core.geometry.anchors import hdop, in_a_line
 from companion.core.geometry.frames import Origin
@@ -99,6 +100,7 @@ def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> RunSetup:
         mission,
         run.control,
         guidance_for(vessel),
+        nmpc_for(vessel),
         excitation=None if text is None else load_excitation(text, name=name),
         battery=run.battery,
         system_id=run.mavlink.system_id,

@@ -176,6 +176,15 @@ def test_the_example_boats_thrusters_are_as_they_can_be(folder):
         assert not [text for text in told if text.startswith("thrusters[")], boat.name
 
 
+def test_a_wide_boat_keeps_its_side_inside_the_fence(folder):
+    assert load_setup(folder / RUN).pilot.nmpc.fence_margin_m == 0.5
+    change(folder, VESSEL, r"(?m)^beam_m = .*$", "beam_m = 4.0")
+    wide = load_setup(folder / RUN)
+    assert wide.pilot.nmpc.fence_margin_m == 2.125
+    (folder / MISSION).write_text(mission_text(((1.5, 15.0),)))
+    assert "lies 1.0 m from the fence: the boat keeps 2.125 m off it" in warnings(load_setup(folder / RUN))[0]
+
+
 def test_a_leg_through_a_pier_is_told_of(folder):
     pier = "[[fences]]\ninclusion = false\npolygon = [[14.0, 10.0], [16.0, 10.0], [16.0, 20.0], [14.0, 20.0]]\n"
     (folder / MISSION).write_text(mission_text(((10.0, 15.0), (20.0, 15.0), (20.0, 8.0))) + pier)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from tests.evidence.commission.others import OTHERS
 from tests.evidence.line import Line, at_least, at_most, exactly, information
 from tests.evidence.processes import processes
 
-BOATS, ALL = 2, 40
+BOATS, ALL = 3, 40
 AS_GOOD, AS_SURE = 1.15, 1.2
 SHARE, WORDS, BETTER = 0.9, 0.75, 0.75
 """Of all boats, that must drive as well; of those that do not, that must say why; of all, that must drive better than
@@ -25,16 +26,27 @@ KEYWORDS = {"swapped": ("places",), "reversed": ("wrong way", "reversed"), "comp
 
 
 def boats(full: bool) -> Iterator[Line]:
-    """Random boats from a first guess: 2 (--full: 40, seeds 1 to 40), their missions with every file that there is"""
-    count, found = ALL if full else BOATS, []
-    with processes() as pool:
-        for one in pool.map(commissioned, range(1, count + 1)):
-            found.append(one)
-            yield information(f"boat {one.seed}: {OVER_TRUE}", one.ratio(CROSS_TRACK), note=_story(one))
+    """Random boats from a first guess: 3 (--full: 40, seeds 1 to 40)"""
+    found = yield from _each(commissioned, ALL if full else BOATS)
     yield from _driven(found)
     yield from _safe(found)
+
+
+def compared(full: bool) -> Iterator[Line]:
+    """What each stage gains, and what others find in half an hour: 1 boat (--full: 40)"""
+    found = yield from _each(partial(commissioned, compared=True), ALL if full else 1)
     yield from _stages(found)
     yield from _others(found)
+
+
+def _each(job: Callable[[int], OneBoat], count: int) -> Generator[Line, None, list[OneBoat]]:
+    """The boats of seeds 1 to `count`, side by side."""
+    found = []
+    with processes() as pool:
+        for one in pool.map(job, range(1, count + 1)):
+            found.append(one)
+            yield information(f"boat {one.seed}: {OVER_TRUE}", one.ratio(CROSS_TRACK), note=_story(one))
+    return found
 
 
 def _story(one: OneBoat) -> str:

@@ -90,32 +90,37 @@ def fly(boat: DrawnBoat, setup: RunSetup, folder: Path, worlds: Worlds = simulat
     return Commissioning(task, simulated, FlightJournal(folder, task.files), lambda _text: None).run()
 
 
-def commissioned(seed: int) -> OneBoat:
-    """Commission the boat of a seed; its mission with every file that there is of it."""
+def commissioned(seed: int, compared: bool = False) -> OneBoat:
+    """Commission the boat of a seed; its mission with the true file and the new one.
+
+    `compared`: also with the first file, with what was believed after each stage, and with what others find.
+    """
     setup = load_setup(EXAMPLES / "aritra.toml")
     boat = drawn(seed, setup.pilot.vessel)
+    files = {TRUE: boat.true}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "boat"
         outcome = fly(boat, setup, folder)
-        files = {TRUE: boat.true} | after_stages(boat, setup, folder)
+        if compared:
+            files |= after_stages(boat, setup, folder) | _others(boat, setup)
         room_m, outside_s = fence_of(folder, Pen(setup.pilot.site))
-    # A first file with thrusters in the wrong places is not driven with: nobody should.
-    if not {"swapped", "reversed"} & set(boat.hidden):
-        files[FIRST] = boat.first
     if outcome.reached:
         files[COMMISSIONED] = outcome.vessel
-    files |= {name: vessel for name, other in OTHERS.items() if (vessel := other(boat, setup)) is not None}
+    driven = {
+        name: missions(boat.true, BelievedModel(name, vessel), setup.pilot, SEEDS, weather=boat.weather)
+        for name, vessel in files.items()
+    }
+    said = (*outcome.belief.wiring.lines, *outcome.causes, outcome.why)
     return OneBoat(
-        seed,
-        boat.hidden,
-        outcome.reached,
-        tuple(filter(None, (*outcome.belief.wiring.lines, *outcome.causes, outcome.why))),
-        outcome.flights,
-        room_m,
-        outside_s,
-        {name: missions(boat.true, BelievedModel(name, vessel), setup.pilot, SEEDS, weather=boat.weather)
-         for name, vessel in files.items()},
-    )  # fmt: skip
+        seed, boat.hidden, outcome.reached, tuple(filter(None, said)), outcome.flights, room_m, outside_s, driven
+    )
+
+
+def _others(boat: DrawnBoat, setup: RunSetup) -> dict[str, VesselFile]:
+    """The first file and those that others find, by name."""
+    # A first file with thrusters in the wrong places is not driven with: nobody should.
+    found = {} if {"swapped", "reversed"} & set(boat.hidden) else {FIRST: boat.first}
+    return found | {name: vessel for name, other in OTHERS.items() if (vessel := other(boat, setup)) is not None}
 
 
 def after_stages(boat: DrawnBoat, setup: RunSetup, folder: Path) -> dict[str, VesselFile]:

@@ -23,6 +23,8 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.actuators.channel import EQUAL_CHANGE, EQUAL_UP_TO_N
 from companion.core.model.actuators.propulsion import channels_of, common, control_limits
 
+POSITION_M = 0.125
+"""Error of a position by UWB, for the margin to the fence; assumed."""
 Count = Annotated[int, msgspec.Meta(ge=1, le=200)]
 
 
@@ -62,7 +64,7 @@ class NmpcSettings(Table, frozen=True, kw_only=True):
     """1/m^2 on max(0, margin - l)^2 for each level l of the fence (`fence.levels`): a half-plane with a slack s >= 0 of
     cost w s^2, the slack eliminated. Soft, so that the problem stays feasible beyond the fence."""
     fence_margin_m: NonNegative = 0.5
-    """About the error of the position plus half the beam; assumed."""
+    """About the error of the position plus half the beam, of boats up to 0.75 m wide (`nmpc_for`); assumed."""
     soft: NonNegative = 100.0
     """Weight on the excess over a soft limit, s^2/m^2 and s^2/rad^2."""
 
@@ -82,6 +84,15 @@ class NmpcSettings(Table, frozen=True, kw_only=True):
     """Interior-point iterations of the rescue."""
     rescue_time_s: Positive = 0.25
     """Wall time of the rescue, at most."""
+
+
+def nmpc_for(vessel: VesselFile) -> NmpcSettings:
+    """The settings for this boat: the margin to the fence is half its beam and the error of a position, at least the
+    default.
+    """
+    settings = NmpcSettings()
+    margin_m = max(settings.fence_margin_m, vessel.hull.beam_m / 2 + POSITION_M)
+    return msgspec.structs.replace(settings, fence_margin_m=margin_m)
 
 
 @dataclass(frozen=True)

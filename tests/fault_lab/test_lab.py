@@ -66,6 +66,14 @@ def test_a_thruster_that_sticks_is_named_before_the_boat_has_left_its_place(numb
 
 
 @pytest.mark.long
+def test_a_thruster_that_sticks_at_more_than_was_believed_at_first_stops_the_boat_after_all():
+    """Named at -10 N, it drove on for the whole mission: 16 N take 42 % of all thrust to hold against."""
+    verdict = trial(110025, "thruster 1 stuck 1264.6 from 34.5", duration_s=45.0)
+    assert verdict.mode == "safe" and not verdict.failed
+    assert any(text.startswith("thruster front_port") and text.endswith("not -10 N") for _, _, text in verdict.alerts)
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "line"),
     [

@@ -14,6 +14,9 @@
 Each against `sound` by a cumulative sum of log-likelihood ratios (Page 1954; Willsky and Jones 1976, generalised
 likelihood ratio): where the sum falls to 0 the hypothesis begins afresh from `sound`, so it need not know when a fault
 began. All filters are one batch of arrays; each has states of the waves (`wave_noise`).
+
+Of a thruster that is known to stick every hypothesis has the force c_i in place of (1 + a_i) f_i, and goes on
+estimating it; what would blame this thruster once more says what `sound` says.
 """
 
 from __future__ import annotations
@@ -102,7 +105,8 @@ def hypotheses(n: int) -> tuple[ThrustHypothesis, ...]:
 
 @dataclass(frozen=True, eq=False)
 class BankState:
-    """Batch of K filters: mean (K, 10 + n) of [d a waves c], covariance, sum of log-likelihood ratios (K,) [nats].
+    """Batch of K filters: mean (K, 10 + n) of [d a waves c], covariance, sum of log-likelihood ratios (K,) [nats]. Of a
+    thruster that is known to stick the force c_i [N] stands for a_i.
 
     `age_s`: since each began afresh (K,); `noise`: mean square of the change of w in half a second that each leaves
     unexplained (K, 3); `past`: the last residuals and forces; `count`: of all; `rough_s`: for how long waves have
@@ -121,18 +125,22 @@ class BankState:
 
 
 class ThrusterBank:
-    """Constant parts for a configuration matrix B (3, n) and a mass matrix M (3, 3)."""
+    """Constant parts for a configuration matrix B (3, n) and a mass matrix M (3, 3); `sticks`: thrusters known to."""
 
-    def __init__(self, B: np.ndarray, M: np.ndarray):
-        self.B, self._M, n = B, M, B.shape[1]
-        self.hypotheses = hypotheses(n)
+    def __init__(self, B: np.ndarray, M: np.ndarray, sticks: Sequence[int] = ()):
+        self.B, self.M, n = B, M, B.shape[1]
+        self.hypotheses, self._sticks = hypotheses(n), np.isin(np.arange(n), sticks)
+        self._blamed = [h.is_thruster and not {h.i, h.j}.isdisjoint(sticks) for h in self.hypotheses]
         K, self._n = len(self.hypotheses), n
         self._size, self._waves = n + 10, [slice(i, i + 2) for i in range(n + 3, n + 9, 2)]
         self._mean0, self._variance0 = np.zeros((K, self._size)), np.zeros((K, self._size))
         self._d_sigma = np.array([D_SIGMA.get(h.kind, SOUND_D) for h in self.hypotheses])
         self._free = np.zeros((K, self._size), dtype=bool)
         for k, h in enumerate(self.hypotheses):
-            self._variance0[k] = np.r_[np.square(self._d_sigma[k]), np.full(n, GAIN_SIGMA**2), np.zeros(7)]
+            sigma = np.where(self._sticks, STUCK_SIGMA_N, GAIN_SIGMA)
+            self._variance0[k] = np.r_[np.square(self._d_sigma[k]), np.square(sigma), np.zeros(7)]
+            if self._blamed[k]:
+                continue
             if h.kind == "gain":
                 self._mean0[k, 3 + h.i], self._variance0[k, 3 + h.i] = FAULT_GAIN, FAULT_GAIN_SIGMA**2
             elif h.kind == "stuck":
@@ -142,11 +150,14 @@ class ThrusterBank:
         self._thrusts = np.array([k for k, h in enumerate(self.hypotheses) if k == 0 or h.blames_thrust])
         self._H0, self._by_f, self._offset_f, self._offset_a = self._measurements()
 
-    def initial(self) -> BankState:
-        """Nothing seen."""
-        K, n = self._mean0.shape
+    def initial(self, stuck_n: Sequence[float | None] = ()) -> BankState:
+        """Nothing seen; `stuck_n`: forces [N] at which thrusters known to stick are believed to (others: None)."""
+        (K, n), mean = self._mean0.shape, self._mean0.copy()
+        for i, force_n in enumerate(stuck_n):
+            if force_n is not None:
+                mean[:, 3 + i] = force_n
         P = self._variance0[:, :, None] * np.eye(n)
-        return BankState(self._mean0.copy(), P, np.zeros(K), np.zeros(K), np.zeros((K, 3)), np.zeros(K))
+        return BankState(mean, P, np.zeros(K), np.zeros(K), np.zeros((K, 3)), np.zeros(K))
 
     def step(self, state: BankState, w: np.ndarray, f_n: np.ndarray, a_m_s2: np.ndarray, dt_s: float) -> BankState:
         """After one residual w (3,) under forces f (n,) [N], where the accelerometer should feel a (2,)."""
@@ -161,7 +172,7 @@ class ThrusterBank:
         mean, P = self._predicted(state, wave, dt_s)
         # 3. innovations of all hypotheses, and their likelihoods
         H = self._H0.copy()
-        H[:, :, 3 : 3 + self._n] = self._by_f * f_n
+        H[:, :, 3 : 3 + self._n] = self._by_f * np.where(self._sticks, 1.0, f_n)
         nu = w - self._offset_f @ f_n - self._offset_a @ a_m_s2 - np.einsum("kij,kj->ki", H, mean)
         HP = H @ P
         S = HP @ H.transpose(0, 2, 1) + np.diag(NOISE_VARIANCE)
@@ -209,7 +220,7 @@ class ThrusterBank:
         """Noise (K, 3) with one change more: of half a second, without what each hypothesis makes of the forces."""
         if len(past) < 6:
             return state.noise
-        by_f = self._by_f * state.mean[:, None, 3 : 3 + self._n] + self._offset_f
+        by_f = self._by_f * np.where(self._sticks, 0.0, state.mean[:, None, 3 : 3 + self._n]) + self._offset_f
         changed = past[-1][0] - past[0][0] - by_f @ (past[-1][1] - past[0][1])
         return state.noise + min(1.0, dt_s / 3.0) * (changed**2 / 2 - state.noise)
 
@@ -224,7 +235,7 @@ class ThrusterBank:
     def _measurements(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """H0 (K, 3, 10 + n), by_f and offset_f (K, 3, n), offset_a (K, 3, 2): with these
 
-        w = (H0 + [0 by_f * f 0 0]) x + offset_f f + offset_a a
+        w = (H0 + [0 by_f * f 0 0]) x + offset_f f + offset_a a     (by_f alone for one that sticks)
         """
         n, K, B = self._n, len(self.hypotheses), self.B
         H0, by_f, offset_f, offset_a = (np.zeros((K, 3, m)) for m in (self._size, n, n, 2))
@@ -232,6 +243,8 @@ class ThrusterBank:
         for axis, states in enumerate(self._waves):
             H0[:, axis, states] = 0.0, 1.0
         for k, h in enumerate(self.hypotheses):
+            if self._blamed[k]:
+                continue
             if h.kind == "stuck":
                 H0[k, :, -1], by_f[k, :, h.i], offset_f[k, :, h.i] = B[:, h.i], 0.0, -B[:, h.i]
             elif h.kind == "swap":
@@ -240,9 +253,10 @@ class ThrusterBank:
             elif h.kind == "reversed":
                 offset_f[k] = -2.0 * B
             elif h.kind == "accel":
-                H0[k, :, :2] = self._M[:, :2]
+                H0[k, :, :2] = self.M[:, :2]
             elif h.kind == "askew":
-                offset_a[k] = self._M[:, :2] @ (AXES[h.i] - np.eye(2))
+                offset_a[k] = self.M[:, :2] @ (AXES[h.i] - np.eye(2))
+        offset_f[:, :, self._sticks] = -B[:, self._sticks]
         return H0, by_f, offset_f, offset_a
 
 

@@ -39,11 +39,11 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         imu = vessel.sensors.imu
         self._sensors: dict[type, Sensor] = {ImuSample: InertialSensor(imu), Attitude: AttitudeSensor(imu)}
         self._names = [thruster.name for thruster in vessel.thrusters]
-        self._bank = ThrusterBank(configuration_matrix(vessel), mass_matrix(vessel))
-        self._verdicts = ThrusterVerdicts(vessel, self._bank)
+        self._verdicts = ThrusterVerdicts(vessel, ThrusterBank(configuration_matrix(vessel), mass_matrix(vessel)))
         self._balance = ForceBalance(vessel)
         self._unseen_ns = round(max(UNSEEN_S, UNSEEN_PERIODS / vessel.sensors.position.rate_Hz) * 1e9)
-        self.initial = ThrusterState(self._bank.initial(), ThrusterHealth.sound(n))
+        health = ThrusterHealth.sound(n)
+        self.initial = ThrusterState(self._verdicts.initial(health), health)
 
     def on_message(
         self, state: ThrusterState, message: ImuSample | Attitude | OperatorCommand, t_ns: int
@@ -75,22 +75,25 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         is fetched by hand; one that still pushes is found again. So is a sensor that is still wrong.
         """
         findings = tuple(f for f in state.findings if f.cause != "sensor")
-        bank = self._bank.initial()
+        bank = self._verdicts.initial(state.health)
         state = replace(state, bank=bank, findings=findings, accel_off=False, suspected="", pending=None)
         if by_hand:
             return state
         stuck = tuple(
             force if self._verdicts.is_bearable(i, force) else 0.0 for i, force in enumerate(state.health.stuck_n)
         )
-        return replace(state, health=replace(state.health, stuck_n=stuck), hopeless="")
+        health = replace(state.health, stuck_n=stuck)
+        return replace(state, bank=self._verdicts.initial(health), health=health, hopeless="")
 
     def on_tick(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
         """The tick's motion; its residual goes through the bank with the next sample: no tick waits for that."""
         before, now = state.before, view.belief
         after = replace(state, force=(0.0, 0.0, 0.0), count=0, rate_before=state.rate, before=now, pending=None)
         report = report_of(state)
-        if self._steered or not view.driving or view.learning or state.has_changed(view.t_ns):
-            return replace(after, bank=self._bank.initial(), probing=False), report
+        if self._steered or not view.driving or view.learning:
+            return replace(after, bank=self._verdicts.initial(state.health), probing=False), report
+        if state.has_changed(view.t_ns):
+            return replace(after, probing=False), report
         if before is None or now is None or view.t_ns - now.since_ns < SETTLES_NS or state.accel_off or not state.count:
             return after, report
         if now.t_ns - now.position_ns > self._unseen_ns:
@@ -107,5 +110,5 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         if not np.isfinite(w).all():
             return state, NOTHING
         dt_s = (tick.now.t_ns - tick.before.t_ns) * 1e-9
-        bank = self._bank.step(state.bank, w, (tick.before.f_n + tick.now.f_n) / 2, a, dt_s)
+        bank = self._verdicts.bank(state.health).step(state.bank, w, (tick.before.f_n + tick.now.f_n) / 2, a, dt_s)
         return self._verdicts.judge(replace(state, bank=bank), tick.view)

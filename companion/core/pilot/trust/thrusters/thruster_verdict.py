@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from companion.core.messages import Alert
 from companion.core.pilot.monitors.monitor import NOTHING, MonitorReport, TickView
 from companion.core.pilot.trust.thrusters.hypothesis_bank import BankState, ThrusterBank, ThrustHypothesis
 from companion.core.pilot.trust.thrusters.remaining_thrust import ThrusterHealth, gain_words
+from companion.core.pilot.trust.thrusters.stuck_force import NO_FORCE_SHARE, another_force
 from companion.core.pilot.trust.verdict import Finding
 
 SURE_NATS, AHEAD_NATS = 15.0, 5.0
@@ -36,9 +38,6 @@ ASK_NATS = 5.0
 FINE_GAIN, SPARED_GAIN, DEAD_GAIN, REVERSED_GAIN = 0.75, 0.3, 0.2, -0.25
 """A gain above the first is fine; below the second a thruster that can be spared is dead, for it would take three times
 its pulse; below the third any is; below the last it is reversed. Assumed."""
-DEAD_SHARE = 0.08
-"""A thruster that is stuck at what may be less than this share of its limit, and surely is bearable, may as well be
-dead; assumed."""
 LEAST_TICKS = 10
 """A bank that begins has not seen how much residuals change; assumed."""
 WAVE_TICKS, PUSHED_NATS = 30, 40.0
@@ -100,10 +99,20 @@ class ThrusterVerdicts:
 
     def __init__(self, vessel: VesselFile, bank: ThrusterBank):
         self._vessel, self._bank = vessel, bank
+        self._knowing = lru_cache(maxsize=8)(lambda sticks: ThrusterBank(bank.B, bank.M, sticks))
         self._names = [t.name for t in vessel.thrusters]
         rank, n = np.linalg.matrix_rank(bank.B), bank.B.shape[1]
         self._spared = [np.linalg.matrix_rank(np.delete(bank.B, i, axis=1)) == rank for i in range(n)]
-        self._pushed = bank.hypotheses.index(ThrustHypothesis("pushed"))
+        self._sound, self._pushed = (bank.hypotheses.index(ThrustHypothesis(kind)) for kind in ("sound", "pushed"))
+
+    def bank(self, health: ThrusterHealth) -> ThrusterBank:
+        """The bank that knows which thrusters stick."""
+        sticks = tuple(i for i, force_n in enumerate(health.stuck_n) if force_n is not None)
+        return self._knowing(sticks) if sticks else self._bank
+
+    def initial(self, health: ThrusterHealth) -> BankState:
+        """That bank, where nothing has been seen yet."""
+        return self.bank(health).initial(health.stuck_n)
 
     def is_bearable(self, i: int, stuck_n: float | None) -> bool:
         """Whether the others can hold against thruster `i`, stuck at this force (None: not stuck)."""
@@ -112,15 +121,14 @@ class ThrusterVerdicts:
     def judge(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
         """What the bank says now, whose latest residual is of this tick."""
         nats, kinds = state.bank.nats, self._bank.hypotheses
-        stuck = state.health.stuck_n  # for one whose force is always the same, another gain says nothing else
-        order = [k for k in np.argsort(nats)[::-1] if not (kinds[k].kind == "gain" and stuck[kinds[k].i] is not None)]
+        order = np.argsort(nats)[::-1]
         best = order[0]
         report = report_of(state)
         near = [k for k in order if nats[k] > nats[best] - AHEAD_NATS]
         asks = any(nats[k] >= ASK_NATS and kinds[k].is_thruster for k in near) and not view.suspect
         state = replace(state, probing=asks, doubted_ns=view.t_ns if view.suspect else state.doubted_ns)
         if nats[best] < SURE_NATS or state.bank.count < LEAST_TICKS:
-            return state, report
+            return (state, report) if nats[best] >= ASK_NATS else self._refined(state, view)
         dead = [k for k in near if kinds[k].i == kinds[best].i and self._says_dead(state, k)]
         if best in dead:  # to give nothing of what is asked for, and to be stuck at nothing, is the same
             near = [k for k in near if k not in dead]
@@ -171,7 +179,7 @@ class ThrusterVerdicts:
             return False
         force_n, most_n = abs(float(mean[-1])), self._vessel.thrusters[h.i].most_N
         at_least_n = force_n - 2.0 * float(np.sqrt(state.bank.P[k, -1, -1]))
-        return at_least_n < DEAD_SHARE * most_n and force_n < BEARABLE_SHARE / 2 * most_n
+        return at_least_n < NO_FORCE_SHARE * most_n and force_n < BEARABLE_SHARE / 2 * most_n
 
     def _is_dead(self, i: int, gain: float) -> bool:
         return REVERSED_GAIN < gain < (SPARED_GAIN if self._spared[i] else DEAD_GAIN)
@@ -223,13 +231,35 @@ class ThrusterVerdicts:
             cause, text = "surroundings", "something pushes the boat harder than water and wind usually do"
         if cause != "thruster":
             return self._elsewhere(state, Finding(cause, what, text, view.t_ns, nats), view)
-        hopeless = "" if all(map(self.is_bearable, range(len(stuck)), stuck)) else hopeless
         finding = Finding("thruster", what, text, view.t_ns, nats)
         alert = Alert(t_ns=view.t_ns, level="error", text=f"{text} ({nats:.0f} nats)")
+        state = replace(state, findings=(*state.findings, finding), hopeless=hopeless, suspected="")
+        health = ThrusterHealth(tuple(gains), tuple(stuck), tuple(order))
+        return self._known(state, health, self.initial(health), alert, view)
+
+    def _refined(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
+        """With the force of a thruster that is known to stick, where that is another one than was believed. Every
+        hypothesis has it already: the bank need not begin anew.
+        """
+        another = another_force(state.bank, state.health, self._vessel)
+        if another is None or state.bank.count < LEAST_TICKS or self._may_be_sensors(state, view, self._sound):
+            return state, report_of(state)
+        (i, force_n), stuck = another, list(state.health.stuck_n)
+        is_bearable, text = self.is_bearable(i, force_n), f"thruster {self._names[i]} is stuck at {round(force_n)} N"
+        level, told = "warning" if is_bearable else "error", f"{text}, not {round(stuck[i] or 0.0)} N"
+        stuck[i] = force_n
+        state = replace(state, hopeless=state.hopeless if is_bearable else f"{text}; cut its power")
+        health = replace(state.health, stuck_n=tuple(stuck))
+        return self._known(state, health, state.bank, Alert(t_ns=view.t_ns, level=level, text=told), view)
+
+    def _known(
+        self, state: ThrusterState, health: ThrusterHealth, bank: BankState, alert: Alert, view: TickView
+    ) -> tuple[ThrusterState, MonitorReport]:
+        """From now on with this health."""
+        stuck = health.stuck_n
         state = replace(
-            state, bank=self._bank.initial(), health=ThrusterHealth(tuple(gains), tuple(stuck), tuple(order)),
-            findings=(*state.findings, finding), hopeless=hopeless, probing=False, suspected="",
-            quiet_until_ns=view.t_ns + QUIET_NS,
+            state, bank=bank, health=health, probing=False, quiet_until_ns=view.t_ns + QUIET_NS,
+            hopeless="" if all(map(self.is_bearable, range(len(stuck)), stuck)) else state.hopeless,
         )  # fmt: skip
         return state, report_of(state, alert)
 

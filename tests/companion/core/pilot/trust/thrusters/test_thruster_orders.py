@@ -10,36 +10,23 @@ from companion.core.messages import OperatorCommand
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.monitors.monitor import TickView
-from companion.core.pilot.trust.thrusters.hypothesis_bank import NOISE, ThrusterBank, ThrustHypothesis
-from companion.core.pilot.trust.thrusters.remaining_thrust import RemainingThrust, ThrusterHealth
-from companion.core.pilot.trust.thrusters.thruster_monitor import ThrusterMonitor
+from companion.core.pilot.trust.thrusters.hypothesis_bank import ThrusterBank, ThrustHypothesis
+from companion.core.pilot.trust.thrusters.remaining_thrust import ThrusterHealth
 from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterVerdicts
-from tests.support.drive_fixture import setup
+from tests.companion.core.pilot.trust.thrusters.driven_bank import (
+    BANK,
+    MONITOR,
+    REMAINING,
+    VERDICTS,
+    VESSEL,
+    B,
+    believing,
+    driven,
+)
 from tests.support.vessel_fixtures import boat
 
-VESSEL = setup().pilot.vessel
-B, M = configuration_matrix(VESSEL), mass_matrix(VESSEL)
-REMAINING, MONITOR, BANK = RemainingThrust(VESSEL), ThrusterMonitor(VESSEL), ThrusterBank(B, M)
-VERDICTS = ThrusterVerdicts(VESSEL, BANK)
 AHEAD = np.full(4, 7.0)
 S = 1_000_000_000
-
-
-def driven(state, first_n, seconds, seed=5):
-    """After so long, or at `crippled`; thruster 0 really gives `first_n` [N], of what it is told or a number."""
-    rng, f = np.random.default_rng(seed), np.zeros(4)
-    for k in range(10 * seconds):
-        t_ns = k * 100_000_000
-        f = f + 0.1 * (rng.normal(0, 15, 4) - f)
-        told = REMAINING.redistribute(f + (REMAINING.probe(t_ns) if state.probing else 0.0), state.health)
-        real_n = first_n(told[0]) if callable(first_n) else first_n
-        residual = B[:, 0] * (real_n - told[0]) + rng.normal(0, NOISE)
-        bank = BANK.step(state.bank, residual, told, np.linalg.solve(M, B @ told)[:2], 0.1)
-        if t_ns >= state.quiet_until_ns:
-            state, _ = VERDICTS.judge(replace(state, bank=bank), TickView(t_ns, 0, None, 0, True, driving=True))
-        if state.hopeless:
-            break
-    return replace(state, quiet_until_ns=0)
 
 
 def ordered(state, command):
@@ -88,8 +75,7 @@ def test_a_new_order_says_what_is_still_taken_for_granted():
 
 
 def test_a_thruster_that_was_stuck_and_is_free_of_it_is_named_and_no_longer_held_against():
-    stuck = replace(MONITOR.initial, health=ThrusterHealth((1.0,) * 4, (10.0, None, None, None), (0, 1, 2, 3)))
-    state = driven(stuck, 0.0, 120, seed=6)
+    state = driven(believing(10.0), 0.0, 120, seed=6)
     assert state.health.stuck_n[0] == pytest.approx(0.0, abs=3.0) and not state.suspected
 
 

@@ -105,10 +105,15 @@ class ThrusterMonitor(Monitor[ThrusterState]):
         return replace(after, pending=TickMotion(before, now, force, r_dot, view)), report
 
     def _stepped(self, state: ThrusterState, tick: TickMotion) -> tuple[ThrusterState, MonitorReport]:
-        """With a tick's residual in the bank."""
+        """With a tick's residual in the bank. What a push or the accelerometer seemed to do until the filter knew its
+        speed may have been the error of that speed, which is no more: the bank begins anew.
+        """
         w, a = self._balance.residual(tick.before, tick.now, tick.force_m_s2, tick.r_dot_rad_s2)
         if not np.isfinite(w).all():
             return state, NOTHING
         dt_s = (tick.now.t_ns - tick.before.t_ns) * 1e-9
-        bank = self._verdicts.bank(state.health).step(state.bank, w, (tick.before.f_n + tick.now.f_n) / 2, a, dt_s)
+        bank = state.bank
+        if tick.now.settled and not tick.before.settled and self._verdicts.may_be_speed(bank):
+            bank = self._verdicts.initial(state.health)
+        bank = self._verdicts.bank(state.health).step(bank, w, (tick.before.f_n + tick.now.f_n) / 2, a, dt_s)
         return self._verdicts.judge(replace(state, bank=bank), tick.view)

@@ -118,6 +118,11 @@ class ThrusterVerdicts:
         """Whether the others can hold against thruster `i`, stuck at this force (None: not stuck)."""
         return stuck_n is None or abs(stuck_n) <= BEARABLE_SHARE * self._vessel.thrusters[i].most_N
 
+    def may_be_speed(self, bank: BankState) -> bool:
+        """Whether the best explanation is one that the error of a speed looks like: a push, or the accelerometer."""
+        best = int(np.argmax(bank.nats))
+        return bool(bank.nats[best] >= ASK_NATS) and not self._bank.hypotheses[best].blames_thrust
+
     def judge(self, state: ThrusterState, view: TickView) -> tuple[ThrusterState, MonitorReport]:
         """What the bank says now, whose latest residual is of this tick."""
         nats, kinds = state.bank.nats, self._bank.hypotheses
@@ -138,8 +143,9 @@ class ThrusterVerdicts:
         if kinds[best].blames_thrust and nats[best] < state.bank.peak[best] - FALLEN_NATS:
             return state, report
         best, rivals = self._rivals(state, best, [k for k in near if k != best])
-        may_be_waves = state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS
-        if not rivals and not kinds[best].blames_thrust and may_be_waves:
+        is_settled = view.belief is not None and view.belief.settled
+        may_be_else = state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS or not is_settled
+        if not rivals and not kinds[best].blames_thrust and may_be_else:
             return state, report
         sensors = self._may_be_sensors(state, view, best)
         if rivals or sensors:

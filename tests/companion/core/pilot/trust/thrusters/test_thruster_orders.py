@@ -12,7 +12,7 @@ from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.monitors.monitor import TickView
 from companion.core.pilot.trust.thrusters.hypothesis_bank import ThrusterBank, ThrustHypothesis
 from companion.core.pilot.trust.thrusters.remaining_thrust import ThrusterHealth
-from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterVerdicts
+from companion.core.pilot.trust.thrusters.thruster_verdict import ThrusterState, ThrusterVerdicts
 from tests.companion.core.pilot.trust.thrusters.driven_bank import (
     BANK,
     MONITOR,
@@ -23,6 +23,7 @@ from tests.companion.core.pilot.trust.thrusters.driven_bank import (
     believing,
     driven,
 )
+from tests.support.drive_fixture import driving, healthy, voyage
 from tests.support.vessel_fixtures import boat
 
 AHEAD = np.full(4, 7.0)
@@ -179,12 +180,12 @@ def test_of_two_thrusters_none_can_be_spared():
     assert [s.findings[0].text.partition("; ")[2] for s in (weak, dead)] == ["the others take over what they can"] * 2
 
 
-def shown(kind, nats, force_n=0.0, state=MONITOR.initial, t_s=10.0, displaced=False, **seen):
-    """State and finding where so much speaks for a hypothesis on thruster 0, stuck at this force."""
-    k = BANK.hypotheses.index(ThrustHypothesis(kind, 0))
+def shown(kind, nats, force_n=0.0, state=MONITOR.initial, t_s=10.0, displaced=False, settled=True, **seen):
+    """State and finding where so much speaks for a hypothesis, on thruster 0 if on any, stuck at this force."""
+    k = next(k for k, h in enumerate(BANK.hypotheses) if h.kind == kind)
     bank = replace(BANK.initial(), count=100)
     bank.nats[k], bank.mean[k, -1] = nats, force_n
-    belief = SimpleNamespace(was_displaced=lambda t_ns, within_s: displaced)
+    belief = SimpleNamespace(was_displaced=lambda t_ns, within_s: displaced, settled=settled)
     view = TickView(round(t_s * S), 0, None, 0, True, belief=belief, driving=True, **seen)
     state, report = VERDICTS.judge(replace(state, bank=bank), view)
     return state, [f.what for f in state.findings], [a.text for a in report.alerts]
@@ -204,6 +205,27 @@ def test_after_positions_have_moved_the_boat_only_a_thruster_that_nobody_holds_a
     assert shown(kind, 30.0, force_n, displaced=True)[1] == found
 
 
+@pytest.mark.parametrize(("kind", "what"), [("accel", "accel"), ("pushed", "pushed")])
+def test_what_the_error_of_a_speed_may_be_is_not_named_before_the_filter_knows_its_speed(kind, what):
+    assert not shown(kind, 60.0, settled=False)[1]
+    assert shown(kind, 60.0)[1] == [what]
+    assert shown("gain", 30.0, settled=False)[1] == ["front_port"]
+
+
 def test_what_was_just_found_is_over_after_a_second_and_where_the_clock_went_back():
     state = replace(MONITOR.initial, quiet_until_ns=11 * S)
     assert [state.has_changed(round(t_s * S)) for t_s in (5.0, 10.5, 11.0)] == [False, True, False]
+
+
+def test_what_spoke_for_a_push_until_the_filter_knew_its_speed_speaks_no_more():
+    run = voyage(3)
+    run.run(lambda run: driving(run) and run.world.t_ns > 6 * S, 10.0)
+    at_work = run.state.monitor(ThrusterState)
+    nats = np.where([h.kind in ("pushed", "accel") for h in BANK.hypotheses], 60.0, 0.0)
+    run.state = run.state.with_monitors(replace(at_work, bank=replace(at_work.bank, nats=nats, count=100)))
+    assert not run.run(healthy, 1.0)
+    assert run.state.monitor(ThrusterState).bank.nats.max() > 40.0
+    assert run.run(healthy, 20.0)
+    run.run(lambda _run: False, 0.3)
+    after = run.state.monitor(ThrusterState)
+    assert after.bank.nats.max() < 5.0 and not after.findings

@@ -17,6 +17,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
+from sim.fitting.engine.block_tridiagonal import Chain
 from sim.fitting.engine.noise import OFFSET
 from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.units import unit_of
@@ -75,7 +76,7 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
     latent_share  the same over the rms of commanded force over inertia; 1e-3, the floor: none
     horizon_s     horizon of multi-step output error (then there is no latent acceleration); 0: fit of windows
     white         residuals are uncorrelated, or the intervals allow for it; else the intervals are too narrow
-    heading_offset_rad  constant error of the heading, mean of the runs
+    heading_offset_rad  constant error of the heading, by all runs, each by what it tells
     samples       instants with inertial data or heading; fixes: positions
     iterations    Gauss-Newton steps; seconds: wall time
     """
@@ -181,9 +182,8 @@ def _fit_horizon(
 
 def fit_result(fit: StructuredFit, point: FitPoint, iterations: int, runs: Sequence[Run]) -> FitResult:
     """The result at a converged iterate of the fit of windows."""
-    parameters = fit.parameters
-    D = fit.assemble(point, fit.noise)[0].solve()[2]
-    C_w = np.linalg.inv(D)
+    parameters, chain = fit.parameters, fit.assemble(point, fit.noise)[0]
+    C_w = np.linalg.inv(chain.solve()[2])
     C_q, share = _spread_of(parameters, point.w, C_w)
     channels = _channels(fit, point)
     return FitResult(
@@ -202,8 +202,18 @@ def fit_result(fit: StructuredFit, point: FitPoint, iterations: int, runs: Seque
         converged=iterations < fit.settings.iterations,
         data_hashes=tuple(run.data_hash for run in runs),
         vessel=parameters.vessel.name,
-        heading_offset_rad=float(point.z[fit.windows.first, OFFSET].mean()),
+        heading_offset_rad=_heading_offset(fit, point, chain),
     )
+
+
+def _heading_offset(fit: StructuredFit, point: FitPoint, chain: Chain) -> float:
+    """Constant error of the heading [rad] by all runs, each by what it tells: a short one that hardly moves, nothing.
+
+    sum (o / v) / (sum (1 / v - 1 / p) + 1 / p)     o, v: estimate and variance of a run; p: variance of the prior
+    """
+    first, prior = fit.windows.first, fit.noise.offset_rad**-2
+    information = 1.0 / chain.covariance()[first, OFFSET, OFFSET]
+    return float(point.z[first, OFFSET] @ information / (np.maximum(information - prior, 0.0).sum() + prior))
 
 
 def _spread_of(parameters: Parameters, w: np.ndarray, C_w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -105,7 +105,7 @@ def _others(found: Sequence[OneBoat]) -> Iterator[Line]:
         better = sum(own < other or (math.isnan(other) and not math.isnan(own)) for own, other in pairs)
         note = f"of {len(found)}; {OVER_TRUE}: median {_median([other for _, other in pairs]):.3f}"
         what = f"{name}, {MINUTES:g} min and identify"
-        yield at_least(f"drive better than by {what}", better, BETTER * len(found), note=note)
+        yield at_least(f"drive better than: {what}", better, BETTER * len(found), note=note)
 
 
 def _median(values: Sequence[float]) -> float:

@@ -83,13 +83,15 @@ class SimulatedBoat:
         """See `Boat`."""
         setup = setup_of(files, {name: f"{folder / name}" for name in files})
         number = int(folder.name[:2])
-        start = replace(self.world, start=self._start(folder.parent, setup.pilot.pen))
+        here = replace(self.world, start=self._start(folder.parent, setup.pilot.pen))
         excite = setup.pilot.excitation is not None
         pilot = Pilot(setup.pilot)
         solve = no_plan if excite else stepped_controller(setup.pilot).solve
         begin = "excite" if excite else "start"
-        logged = SteppedLogs(folder, setup, time.time_ns())
-        with logged as logs, self.worlds(start, 1000 * self.seed + number) as world:
+        with (
+            SteppedLogs(folder, setup, time.time_ns()) as logs,
+            self.worlds(here, 1000 * self.seed + number) as world,
+        ):
             run = SteppedRun(world, pilot, solve, begin, logs.record)
             started = False
             while run.world.t_ns < LIMIT_S * 1e9:

@@ -35,8 +35,8 @@ of a position."""
 LEGS, TURN_RAD_S = 3, 0.35
 """Legs of a flight, and the yaw rate of the file's boat at the end of the turn's push. Assumed: a turn and what is left
 of it during the leg are about 80 degrees, and three headings 80 degrees apart lie on the axis of no mirror together."""
-PUSH_S, COAST = 1.0, 2
-"""Duration of a push of legs and turns, and how many times as long the boat coasts after it; assumed."""
+PUSH_S, COASTING = 1.0, (0.0, 0.0)
+"""Duration of a push of legs and turns, and the levels after it, as long each, while the boat coasts; assumed."""
 
 
 def signs_segments(vessel: VesselFile, flown: int) -> tuple[Segment, ...]:
@@ -57,34 +57,26 @@ def _legs(vessel: VesselFile, speed_m_s: float) -> tuple[Segment, ...]:
     reach, inertia = axis_reach(vessel), np.diag(mass_matrix(vessel))
     if not speed_m_s or not reach[[0, 2]].all():
         return ()
-    ahead, astern = _levels(reach[0], speed_m_s * inertia[0])
-    starboard, port = _levels(reach[1], speed_m_s * inertia[1])
+    ahead = _to_and_fro(reach[0], speed_m_s * inertia[0])
+    legs = [Steps(name="to and fro", why="in which axes positions count", X=1.0, levels=ahead, hold_s=PUSH_S)]
+    if reach[1].all():
+        aside, why = _to_and_fro(reach[1], speed_m_s * inertia[1]), "which thrusters push to which side"
+        legs.append(Steps(name="sideways", why=why, Y=1.0, levels=aside, hold_s=PUSH_S))
     turn = min(_levels(reach[2], TURN_RAD_S * inertia[2]))
-    coast = (0.0,) * COAST
-    leg = Steps(
-        name="to and fro",
-        why="in which axes positions count",
-        X=1.0,
-        levels=(ahead, *coast, -astern, *coast),
-        hold_s=PUSH_S,
-    )
-    aside = Steps(
-        name="sideways",
-        why="which thrusters push to which side",
-        Y=1.0,
-        levels=(starboard, *coast, -port, *coast),
-        hold_s=PUSH_S,
-    )
-    side = Steps(name="turn", why="another heading", N=1.0, levels=(turn, *coast), hold_s=PUSH_S)
-    return (leg, *((aside,) if reach[1].all() else ()), side) * LEGS
+    legs.append(Steps(name="turn", why="another heading", N=1.0, levels=(turn, *COASTING), hold_s=PUSH_S))
+    return tuple(legs) * LEGS
+
+
+def _to_and_fro(reach: np.ndarray, momentum: float) -> tuple[float, ...]:
+    """Levels of a push each way, with time to coast after it."""
+    there, back = _levels(reach, momentum)
+    return there, *COASTING, -back, *COASTING
 
 
 def _levels(reach: np.ndarray, momentum: float) -> tuple[float, float]:
     """Shares of the `reach` (2,) both ways that give the momentum in one push, `PULSE_LEVEL` at most."""
-    if not reach.all():
-        return 0.0, 0.0
-    first, second = np.minimum(momentum / PUSH_S / reach, PULSE_LEVEL).round(3).tolist()
-    return first, second
+    there, back = np.minimum(momentum / PUSH_S / reach, PULSE_LEVEL).round(3).tolist()
+    return there, back
 
 
 def distrusted(vessel: VesselFile) -> VesselFile:

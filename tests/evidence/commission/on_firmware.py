@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from functools import partial
@@ -10,15 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.boat.load_run import EXAMPLES, load_setup
-from companion.core.excitation.pen import Pen
 from sim.commission.job import NEW, OLD
-from sim.studies.driving.identified import BelievedModel, missions
 from sim.world.stepped import SteppedWorld
 from sim.world.world import WorldSetup
 from tests.evidence.commission.boats import AS_GOOD, CROSS_TRACK
-from tests.evidence.commission.draw import drawn
-from tests.evidence.commission.one_boat import COMMISSIONED, MINUTES, SEEDS, TRUE, OneBoat, fence_of, fly
+from tests.evidence.commission.one_boat import MINUTES, commissioned
 from tests.evidence.line import Line, at_most, exactly, information
 from tests.support.autopilots.firmware_rig import binaries, world_with
 
@@ -38,20 +33,9 @@ def _world(binary: str, setup: WorldSetup, seed: int) -> AbstractContextManager[
 
 
 def _commissioned(binary: Path) -> Iterator[Line]:
-    setup = load_setup(EXAMPLES / "aritra.toml")
-    boat = drawn(BOAT, setup.pilot.vessel)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name) / "boat"
-        outcome = fly(boat, setup, folder, partial(_world, str(binary)))
-        room_m, outside_s = fence_of(folder, Pen(setup.pilot.site))
-    driven = {
-        name: missions(boat.true, BelievedModel(name, vessel), setup.pilot, SEEDS, weather=boat.weather)
-        for name, vessel in ((TRUE, boat.true), (COMMISSIONED, outcome.vessel))
-    }
-    said = tuple(filter(None, (*outcome.belief.wiring.lines, *outcome.causes, outcome.why)))
-    one = OneBoat(BOAT, boat.hidden, outcome.reached, said, outcome.flights, room_m, outside_s, driven)
+    one = commissioned(BOAT, worlds=partial(_world, str(binary)))
     of = f"{binary.parent.name}, boat {BOAT}"
-    yield exactly(f"{of}: commissioned", one.reached, True, note="; ".join(said))
+    yield exactly(f"{of}: commissioned", one.reached, True, note="; ".join(one.said))
     yield at_most("  minutes until the file was proven", one.minutes, MINUTES, "min")
     yield at_most("  cross-track over the true file's", one.ratio(CROSS_TRACK), AS_GOOD, "x", "simulated autopilot")
     for stage, what in ((OLD, "first"), (NEW, "new")):

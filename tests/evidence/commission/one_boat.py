@@ -12,10 +12,9 @@ import numpy as np
 
 from companion.boat.load_run import EXAMPLES, RunSetup, load_setup
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.excitation.file import load_excitation
-from companion.core.excitation.pen import Pen
 from companion.core.messages import GroundTruth, OverrideLease
 from companion.core.model.vessel_text import vessel_toml
+from companion.core.pilot.pilot import PilotSettings
 from companion.logs.log_file import LogFile
 from companion.logs.readers.read_run import ReadOptions, read_run
 from sim.commission.belief import learned
@@ -26,8 +25,8 @@ from sim.commission.stages import PROVEN, STAGES
 from sim.fitting.engine.split import NamedLog
 from sim.studies.driving.identified import BelievedModel, Driven, missions
 from sim.world.stepped_logs import TRUTH
-from sim.world.world import WorldSetup
 from tests.evidence.commission.draw import DrawnBoat, drawn
+from tests.evidence.commission.library_flight import library, world_of
 from tests.evidence.commission.others import DATE, OTHERS
 
 MINUTES = 30.0
@@ -69,41 +68,39 @@ class OneBoat:
 
 def task_of(boat: DrawnBoat, setup: RunSetup) -> CommissionTask:
     """Half an hour of the demo's basin and mission."""
-    library = EXAMPLES / "excitations" / "library.toml"
     return CommissionTask(
         files={**setup.files, "vessel.toml": vessel_toml(boat.first)},
         vessel=boat.first,
         site=setup.pilot.site,
         points=tuple(setup.pilot.mission.path.points),
-        library=load_excitation(library.read_text(encoding="utf-8"), name=library.name),
+        library=library(),
         minutes=MINUTES,
         date=DATE,
     )
 
 
-def fly(boat: DrawnBoat, setup: RunSetup, folder: Path, worlds: Worlds = simulated_world) -> CommissionOutcome:
+def fly(boat: DrawnBoat, setup: RunSetup, folder: Path, worlds: Worlds) -> CommissionOutcome:
     """Commission the boat in `folder`."""
     task = task_of(boat, setup)
-    north_m, east_m = map(float, Pen(task.site).middle)
-    world = WorldSetup(boat.true, task.site, start=(north_m, east_m, 0.5), weather=boat.weather)
-    simulated = SimulatedBoat(world, boat.seed, worlds)
+    simulated = SimulatedBoat(world_of(boat, setup), boat.seed, worlds)
     return Commissioning(task, simulated, FlightJournal(folder, task.files), lambda _text: None).run()
 
 
-def commissioned(seed: int, compared: bool = False) -> OneBoat:
+def commissioned(seed: int, compared: bool = False, worlds: Worlds = simulated_world) -> OneBoat:
     """Commission the boat of a seed; its mission with the true file and the new one.
 
-    `compared`: also with the first file, with what was believed after each stage, and with what others find.
+    `compared`: also with the first file, with what was believed after each stage, and with what others find. `worlds`:
+    that it is commissioned in; missions are driven with the simulated autopilot.
     """
     setup = load_setup(EXAMPLES / "aritra.toml")
     boat = drawn(seed, setup.pilot.vessel)
     files = {TRUE: boat.true}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "boat"
-        outcome = fly(boat, setup, folder)
+        outcome = fly(boat, setup, folder, worlds)
         if compared:
             files |= after_stages(boat, setup, folder) | _others(boat, setup)
-        room_m, outside_s = fence_of(folder, Pen(setup.pilot.site))
+        room_m, outside_s = fence_of(folder, setup.pilot)
     if outcome.reached:
         files[COMMISSIONED] = outcome.vessel
     driven = {
@@ -138,20 +135,15 @@ def after_stages(boat: DrawnBoat, setup: RunSetup, folder: Path) -> dict[str, Ve
     return believed
 
 
-def fence_of(folder: Path, pen: Pen) -> tuple[float, float]:
+def fence_of(folder: Path, settings: PilotSettings) -> tuple[float, float]:
     """Least room of the true boat to the fence [m], and how long it was driven beyond it [s], in all flights."""
     rooms, outside_s = [math.inf], 0.0
     for path in sorted(folder.glob(f"*/{TRUTH}")):
         truths = [m for m in LogFile(path).messages(GroundTruth) if isinstance(m, GroundTruth)]
-        room = pen.clearance(np.array([(m.north_m, m.east_m) for m in truths]))
+        room = settings.pen.clearance(np.array([(m.north_m, m.east_m) for m in truths]))
         rooms.append(float(room.min()))
         leases = [m for m in LogFile(path.parent / LOG).messages(OverrideLease) if isinstance(m, OverrideLease)]
         at = np.searchsorted([m.t_ns for m in truths], [m.t_ns for m in leases]).clip(max=len(truths) - 1)
         driven = np.array([m.source != "neutral" for m in leases])
-        outside_s += float((driven & (room[at] < 0)).sum()) * _period_s(leases)
+        outside_s += float((driven & (room[at] < 0)).sum()) * settings.control.period_s
     return min(rooms), outside_s
-
-
-def _period_s(leases: list[OverrideLease]) -> float:
-    """Median time between leases [s]."""
-    return float(np.median(np.diff([m.t_ns for m in leases]))) * 1e-9 if len(leases) > 1 else 0.0

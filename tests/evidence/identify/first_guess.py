@@ -2,56 +2,34 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 from msgspec.structs import replace
 
-from companion.boat.load_run import EXAMPLES, RunSetup, load_setup, setup_of
-from companion.core.excitation.file import Multisine, excitation_toml, load_excitation
-from companion.core.excitation.pen import Pen
-from companion.core.model.vessel_text import vessel_toml
-from companion.logs.readers.read_run import ReadOptions, read_run
+from companion.boat.load_run import EXAMPLES, load_setup
+from companion.core.excitation.file import Multisine
 from sim.fitting.engine.split import NamedLog
-from sim.fitting.excite.fly import fly, write_logs
 from sim.fitting.identify.job import Choices, Identification, identify
 from sim.fitting.identify.verdict import NAMES
-from sim.world.world import WorldSetup
 from tests.evidence.commission.draw import DrawnBoat, drawn
+from tests.evidence.commission.library_flight import flown, library
 from tests.evidence.line import Line, at_least, at_most, information
 
 BOATS, ALL = 4, 12
 FLOWN = ("zig-zag", "multisine", "pulses", "stop and reverse")
 HALF = 0.5
-BEGIN_UNIX_NS = 1_767_225_600_000_000_000
 
 
 def identified(seed: int) -> tuple[DrawnBoat, Identification]:
-    """The boat of a seed, and what a flight in its weather says of it."""
+    """The boat of a seed, and what a flight of the manoeuvres in its weather says of it."""
     setup = load_setup(EXAMPLES / "aritra.toml")
     boat = drawn(seed, setup.pilot.vessel)
-    site = setup.pilot.site
-    north_m, east_m = map(float, Pen(site).middle)
-    own = _setup(setup, boat)
-    world = WorldSetup(boat.true, site, start=(north_m, east_m, 0.5), weather=boat.weather)
-    with tempfile.TemporaryDirectory() as folder:
-        log, _ = write_logs(fly(own, world, seed), own, Path(folder), BEGIN_UNIX_NS)
-        run = read_run(log, ReadOptions(boat.first, site))
-    return boat, identify([NamedLog("flight", run)], [], boat.first, Choices(taylor=False), lambda: "2026-01-01")
-
-
-def _setup(setup: RunSetup, boat: DrawnBoat) -> RunSetup:
-    """A flight of the manoeuvres, by the true file: how to fly an unknown boat is `commission`'s matter."""
-    path = EXAMPLES / "excitations" / "library.toml"
-    library = load_excitation(path.read_text(encoding="utf-8"), name=path.name)
-    segments = [s for s in library.segments if s.name in FLOWN]
+    segments = [s for s in library().segments if s.name in FLOWN]
     if "differential" in boat.hidden:
         segments = [replace(s, Y=0.0) if isinstance(s, Multisine) else s for s in segments]
-    plan = excitation_toml(replace(library, segments=tuple(segments)), "four manoeuvres")
-    files = {**setup.files, "vessel.toml": vessel_toml(boat.true), "excitation.toml": plan}
-    return setup_of(files, {name: name for name in files})
+    run = flown(boat, setup, segments)
+    return boat, identify([NamedLog("flight", run)], [], boat.first, Choices(taylor=False), lambda: "2026-01-01")
 
 
 def first_guess(full: bool) -> Iterator[Line]:

@@ -144,8 +144,8 @@ class ThrusterVerdicts:
             return state, report
         best, rivals = self._rivals(state, best, [k for k in near if k != best])
         is_settled = view.belief is not None and view.belief.settled
-        may_be_else = state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS or not is_settled
-        if not rivals and not kinds[best].blames_thrust and may_be_else:
+        may_be_waves_or_speed = state.bank.count < WAVE_TICKS or nats[best] < PUSHED_NATS or not is_settled
+        if not rivals and not kinds[best].blames_thrust and may_be_waves_or_speed:
             return state, report
         sensors = self._may_be_sensors(state, view, best)
         if rivals or sensors:

@@ -7,7 +7,8 @@ among the thrusters by `allocation` with gains of one: the pilot does not know w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,6 +31,7 @@ BASIN_M = 30.0  # side of the paper's basin
 MARGIN_M = 6.0  # the pilot turns back this far from a wall; assumed
 VOLTAGE_V = 15.6  # open circuit, as the simulated world has it
 NANO = 1e-9
+HOME_N = 22.0  # force towards the middle when a wall is near; assumed
 ALONE = 0.6  # share of its limit at which a thruster is tried alone; assumed
 TRUTH = "true_"
 
@@ -41,28 +43,46 @@ class Habits:
     most: tuple[float, float, float] = (24.0, 34.0, 9.0)  # X [N], Y [N], N [N m]: about 0.9 m/s, 0.4 m/s, 0.8 rad/s
     use: tuple[float, float, float] = (0.7, 0.45, 0.6)  # share of commands in which an axis is not zero
     hold_s: tuple[float, float] = (1.0, 6.0)
-    home_n: float = 22.0  # force towards the middle when a wall is near
+    home_n: float = HOME_N
 
 
-class KeyboardPilot:
-    """Held random commands [N, N, N m]; `tau` is asked at 10 Hz with where the boat is."""
+class HomingPilot(ABC):
+    """Drives as a subclass wants, near a wall towards the middle; `tau` is asked at 10 Hz with where the boat is."""
 
-    def __init__(self, rng: np.random.Generator, habits: Habits):
-        self._rng, self._habits = rng, habits
-        self._until_s, self._tau, self._homing = 0.0, np.zeros(3), False
+    def __init__(self, home_n: float = HOME_N):
+        self._home_n, self._homing = home_n, False
+
+    @abstractmethod
+    def wanted(self, t_s: float, x: np.ndarray, anew: bool) -> np.ndarray:
+        """Wanted body force [N, N, N m] where no wall is near, shape (3,); `anew`: the boat has just come near one."""
 
     def tau(self, t_s: float, x: np.ndarray) -> np.ndarray:
-        """Wanted body force at `t_s`, shape (3,); x = [x y psi u v r ...]."""
+        """Wanted body force [N, N, N m] at `t_s`, shape (3,); x = [x y psi u v r ...]."""
         away = x[:2] - BASIN_M / 2
         reach = np.abs(away).max()
         inner = BASIN_M / 2 - MARGIN_M
-        if t_s >= self._until_s or (reach > inner and not self._homing):
-            self._draw(t_s)
+        tau = self.wanted(t_s, x, anew=bool(reach > inner and not self._homing))
         self._homing = reach > inner or (self._homing and reach > 0.6 * inner)
         if not self._homing:
-            return self._tau
-        north, east = -away / np.linalg.norm(away) * self._habits.home_n
-        return np.array([*unrotate(x[2], north, east), self._tau[2]])
+            return tau
+        north, east = -away / np.linalg.norm(away) * self._home_n
+        return np.array([*unrotate(x[2], north, east), tau[2]])
+
+
+class KeyboardPilot(HomingPilot):
+    """Held random commands [N, N, N m]."""
+
+    def __init__(self, rng: np.random.Generator, habits: Habits | None = None):
+        habits = habits or Habits()
+        super().__init__(habits.home_n)
+        self._rng, self._habits = rng, habits
+        self._until_s, self._tau = 0.0, np.zeros(3)
+
+    def wanted(self, t_s: float, x: np.ndarray, anew: bool) -> np.ndarray:
+        """The command that is held; another after a while, and near a wall."""
+        if t_s >= self._until_s or anew:
+            self._draw(t_s)
+        return self._tau
 
     def _draw(self, t_s: float) -> None:
         rng, habits = self._rng, self._habits
@@ -107,7 +127,7 @@ def teleop_run(
     uwb_hz: float = 1.0,
     sigma_m: float = 0.10,
     weather: Weather | None = None,
-    habits: Habits | None = None,
+    pilot: Callable[[np.random.Generator], HomingPilot] = KeyboardPilot,
     believed: VesselFile | None = None,
     alone_s: float = 0.0,
 ) -> Run:
@@ -116,13 +136,14 @@ def teleop_run(
     The position is the tag's own fix from four ranges with `sigma_m` each, stamped when its bytes arrive: it is
     older by meta.latency_s, and the tag sits at meta.tag_arm_m. battery_v comes at 2 Hz like SYS_STATUS, to 10 mV.
     `believed`: what the pilot's allocation and the log's meta go by, where that is not the true boat.
+    `pilot`: who drives, given what he draws from.
     `alone_s`: the pilot first lets each thruster push alone, ahead and astern, so long each, with rests as long.
     """
     believed = believed or vessel
     draws = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
     imu_file = replace(vessel.sensors.imu, rate_Hz=imu_hz)
     uwb_file = replace(vessel.sensors.tag, rate_Hz=uwb_hz, range_sigma_m=sigma_m)
-    pilot = KeyboardPilot(draws[0], habits or Habits())
+    driver = pilot(draws[0])
     imu = ImuSensor(imu_file, draws[1])
     uwb = UwbSensor(uwb_file, corner_anchors(), UwbFaults(), draws[2])
     environment = Environment(weather or Weather(), draws[3])
@@ -136,7 +157,7 @@ def teleop_run(
         t_ns = k * STEP_NS
         if t_ns % PILOT_NS == 0:
             alone = _alone(plain, t_ns * NANO, alone_s)
-            force = allocate(pilot.tau(t_ns * NANO, plant.motion.x), plain) if alone is None else alone
+            force = allocate(driver.tau(t_ns * NANO, plant.motion.x), plain) if alone is None else alone
             if not np.array_equal(force, wanted):
                 wanted, pwm = force, pulse_widths(force, plain, plain.propulsion.nominal_voltage_V)
                 plant.command(t_ns, tuple(map(float, pwm)))

@@ -1,6 +1,6 @@
 """Excitations flown by the whole chain, over wire formats: inside the fence, and worth their time to the fit."""
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from sim.studies.boats.campaign import scale_free
 from sim.studies.boats.draw import draw_boat, in_still_air
 from sim.world.environment import Weather
 from sim.world.sensors import UwbFaults
-from sim.world.teleop_log import Habits, teleop_run
+from sim.world.teleop_log import Habits, KeyboardPilot, teleop_run
 from sim.world.world import WorldSetup
 from tests.support.excitation_fixture import BASIN, LIBRARY, of
 from tests.support.vessel_fixtures import boat
@@ -77,7 +77,7 @@ def test_runs_longer_than_the_basin_stay_inside_on_ten_more_seeds(seed):
 # --- five minutes of a designed plan against five minutes of a pilot who only drives ahead and astern --------
 
 MINUTES = 5.0
-AHEAD_AND_ASTERN = Habits(use=(1.0, 0.0, 0.0), home_n=0.0)
+AHEAD_AND_ASTERN = partial(KeyboardPilot, habits=Habits(use=(1.0, 0.0, 0.0), home_n=0.0))
 """In open water: in a basin the ways back would be manoeuvres, too, and tell of sway and yaw."""
 
 
@@ -108,7 +108,7 @@ def test_five_minutes_of_a_plan_tell_more_than_five_minutes_of_surge(tmp_path):
         flown = fly(setup, WorldSetup(true, BASIN, start=MIDDLE), seed, limit_s=60 * MINUTES + 60)
         log, _ = write_logs(flown, setup, tmp_path, BEGIN_UNIX_NS)
         plan.append(errors(read_run(log, ReadOptions(setup.pilot.vessel, BASIN)), true))
-        surge.append(errors(teleop_run(true, seed, 60 * MINUTES, imu_hz=50.0, habits=AHEAD_AND_ASTERN), true))
+        surge.append(errors(teleop_run(true, seed, 60 * MINUTES, imu_hz=50.0, pilot=AHEAD_AND_ASTERN), true))
         print(f"seed {seed}: median error {np.median(plan[-1]):.2%} of the plan, {np.median(surge[-1]):.2%} of surge")
     print("pooled", np.median(plan), np.median(surge), "worst", np.max(plan), np.max(surge))
     assert np.median(plan) < np.median(surge) and np.max(plan) < np.max(surge)

@@ -86,11 +86,11 @@ def fly(boat: DrawnBoat, setup: RunSetup, folder: Path, worlds: Worlds) -> Commi
     return Commissioning(task, simulated, FlightJournal(folder, task.files), lambda _text: None).run()
 
 
-def commissioned(seed: int, compared: bool = False, worlds: Worlds = simulated_world) -> OneBoat:
+def commissioned(seed: int, stages: bool = False, others: bool = False, worlds: Worlds = simulated_world) -> OneBoat:
     """Commission the boat of a seed; its mission with the true file and the new one.
 
-    `compared`: also with the first file, with what was believed after each stage, and with what others find. `worlds`:
-    that it is commissioned in; missions are driven with the simulated autopilot.
+    `others`: also with what others find; `stages`: with the first file and with what was believed after each stage.
+    `worlds`: that it is commissioned in; missions are driven with the simulated autopilot.
     """
     setup = load_setup(EXAMPLES / "aritra.toml")
     boat = drawn(seed, setup.pilot.vessel)
@@ -98,8 +98,10 @@ def commissioned(seed: int, compared: bool = False, worlds: Worlds = simulated_w
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "boat"
         outcome = fly(boat, setup, folder, worlds)
-        if compared:
-            files |= after_stages(boat, setup, folder) | _others(boat, setup)
+        if others:
+            files |= {name: found for name, other in OTHERS.items() if (found := other(boat)) is not None}
+        if stages:
+            files |= _first(boat) | after_stages(boat, setup, folder)
         room_m, outside_s = fence_of(folder, setup.pilot)
     if outcome.reached:
         files[COMMISSIONED] = outcome.vessel
@@ -113,11 +115,9 @@ def commissioned(seed: int, compared: bool = False, worlds: Worlds = simulated_w
     )
 
 
-def _others(boat: DrawnBoat, setup: RunSetup) -> dict[str, VesselFile]:
-    """The first file and those that others find, by name."""
-    # A first file with thrusters in the wrong places is not driven with: nobody should.
-    found = {} if {"swapped", "reversed"} & set(boat.hidden) else {FIRST: boat.first}
-    return found | {name: vessel for name, other in OTHERS.items() if (vessel := other(boat, setup)) is not None}
+def _first(boat: DrawnBoat) -> dict[str, VesselFile]:
+    """The first file; none where its thrusters are in the wrong places: nobody should drive with it."""
+    return {} if {"swapped", "reversed"} & set(boat.hidden) else {FIRST: boat.first}
 
 
 def after_stages(boat: DrawnBoat, setup: RunSetup, folder: Path) -> dict[str, VesselFile]:

@@ -9,7 +9,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import msgspec
@@ -24,7 +24,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.readers.table import write_run
 from companion.logs.runs.run import Run
-from sim.world.teleop_log import Habits, teleop_run
+from sim.world.teleop_log import Habits, KeyboardPilot, teleop_run
 from tests.evidence.line import Line, at_most, exactly
 
 BOATS = Path(__file__).resolve().parents[3] / "deploy" / "boats"
@@ -35,7 +35,7 @@ MINUTES = 10.0
 """Of process time, for an hour's log."""
 WEAK = 0.6
 """Gain of the thruster that is wrong where something is."""
-SPINS = Habits(most=(12.0, 12.0, 9.0), use=(0.5, 0.3, 0.95))
+SPINS = partial(KeyboardPilot, habits=Habits(most=(12.0, 12.0, 9.0), use=(0.5, 0.3, 0.95)))
 Table = pl.DataFrame
 Alter = Callable[[Table], Table]
 ABSTAINED = ("unknown", "ambiguous", "partial")
@@ -53,8 +53,8 @@ def log(boat: str, weak: str, seed: int, seconds: float, uwb_hz: float, spins: b
     true = replace(
         base, thrusters=tuple(replace(t, gain=t.gain * WEAK if t.name == weak else t.gain) for t in base.thrusters)
     )
-    sigma_m, habits = (0.07 if uwb_hz > 1 else 0.10), (SPINS if spins else None)
-    run = teleop_run(true, seed, seconds, uwb_hz=uwb_hz, sigma_m=sigma_m, habits=habits, believed=base)
+    sigma_m, pilot = (0.07 if uwb_hz > 1 else 0.10), (SPINS if spins else KeyboardPilot)
+    run = teleop_run(true, seed, seconds, uwb_hz=uwb_hz, sigma_m=sigma_m, pilot=pilot, believed=base)
     return Run(run.table.select(c for c in run.table.columns if not c.startswith("true_")), run.meta)
 
 

@@ -1,6 +1,6 @@
 """Fisher information before and after a flight, advice on the next manoeuvre, plans. Reference boat."""
 
-from functools import cache
+from functools import cache, partial
 
 import msgspec
 import numpy as np
@@ -23,7 +23,7 @@ from sim.fitting.excite.nominal import fly_nominal
 from sim.fitting.identify.result import fit_structured
 from sim.fitting.identify.structured_fit import StructuredFit
 from sim.studies.boats.draw import in_still_air
-from sim.world.teleop_log import Habits, teleop_run
+from sim.world.teleop_log import Habits, KeyboardPilot, teleop_run
 from tests.support.excitation_fixture import BASIN, LIBRARY
 from tests.support.vessel_fixtures import boat
 
@@ -143,7 +143,8 @@ def test_after_surge_and_sway_comes_a_turn_and_after_a_spin_comes_thrust():
 
 def test_a_recorded_log_of_surge_alone_asks_for_sway_too():
     """A teleop log in which the pilot only drives ahead and astern (seed 4)."""
-    run = teleop_run(VESSEL, 4, 90.0, habits=Habits(use=(1.0, 0.0, 0.0), home_n=0.0))
+    pilot = partial(KeyboardPilot, habits=Habits(use=(1.0, 0.0, 0.0), home_n=0.0))
+    run = teleop_run(VESSEL, 4, 90.0, pilot=pilot)
     advice = advise(recorded_knowledge([run], VESSEL), tuple(found().values()))
     assert index("Y_vv_N_s2_m2") in advice.about and index("X_uu_N_s2_m2") not in advice.about
     assert moves(advice.ranked[0], "true_v_m_s") > 0.3

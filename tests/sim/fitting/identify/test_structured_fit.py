@@ -1,5 +1,7 @@
 """The structured fit on simulated logs: estimates, intervals, and the identified vessel file."""
 
+from functools import partial
+
 import numpy as np
 import polars as pl
 import pytest
@@ -17,7 +19,7 @@ from sim.fitting.identify.structured_fit import UNMEASURED, FitSettings, Structu
 from sim.fitting.identify.vessel_out import identified_vessel
 from sim.studies.boats.campaign import figures, is_stable, one_boat
 from sim.studies.boats.draw import draw_boat, in_still_air
-from sim.world.teleop_log import BASIN_M, Habits, teleop_run
+from sim.world.teleop_log import BASIN_M, Habits, KeyboardPilot, teleop_run
 from tests.support.vessel_fixtures import boat
 
 TRUE = draw_boat(boat("aritra"), np.random.default_rng(11))
@@ -190,6 +192,6 @@ def test_a_short_log_in_which_nothing_moves_says_nothing_of_the_compass() -> Non
     """A compass that is 0.1 rad off; two minutes of driving, and three logs of 13 s almost at rest; seeds 11 to 14."""
     imu = replace(TRUE.sensors.imu, heading_offset_rad=0.1)
     off = replace(TRUE, sensors=replace(TRUE.sensors, imu=imu))
-    at_rest = Habits(most=(0.5, 0.5, 0.2), home_n=0.5)
-    logs = [teleop_run(off, 11, 120.0), *(teleop_run(off, seed, 13.0, habits=at_rest) for seed in (12, 13, 14))]
+    at_rest = partial(KeyboardPilot, habits=Habits(most=(0.5, 0.5, 0.2), home_n=0.5))
+    logs = [teleop_run(off, 11, 120.0), *(teleop_run(off, seed, 13.0, pilot=at_rest) for seed in (12, 13, 14))]
     assert fit_structured(logs, PRIOR, UNMEASURED).heading_offset_rad == pytest.approx(0.1, abs=0.02)

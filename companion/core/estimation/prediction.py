@@ -84,6 +84,7 @@ class Predictor:
     ):
         self._process, self._lag_s, self._slew_N_s = process, model.lag_s, model.slew_N_s
         self._tuning, self._algebra = tuning, algebra
+        self._identity = np.eye(B_RANGE + len(errors))
         self._lively_variance = np.square(tuning.lively_sigma)
         actuators = model.actuators
         self._directions = np.abs(actuators.directions if actuators else model.B)
@@ -112,7 +113,7 @@ class Predictor:
             q[LATENT] += self._of_activity(levels) * -math.expm1(-2 * dt_s / self._tuning.lively_time_s)
         drive = self._process.drive(mean_n)
         x = belief.x * decay
-        F = np.diag(decay)
+        F = self._identity * decay
         x[DYNAMIC], F[DYNAMIC, DYNAMIC] = self._process.step(belief.x[DYNAMIC], drive, dt_s)
         if belief.is_settling(self._tuning.settle_most_s):
             F[SPEED, SPEED] = self._process.step(at_rest(belief.x[DYNAMIC]), drive, dt_s)[1][SPEED, SPEED]
@@ -125,7 +126,7 @@ class Predictor:
         if not seen:
             q[TILT] += self._tuning.unseen_tilt_rad_sqrt_s**2 * dt_s
         # Half of the noise comes before the step, grown by what decays: a force that changes within it moves the speed.
-        P = self._algebra.predict(belief.P + np.diag(q / 2 / decay**2), x, F, np.diag(q / 2))
+        P = self._algebra.predict(belief.P + self._identity * (q / 2 / decay**2), x, F, self._identity * (q / 2))
         means = update_means(belief.latent_means, x[LATENT].tolist(), levels, dt_s)
         return replace(belief, t_ns=t_ns, x=x, P=P, f_n=f_n, latent_means=means)
 

@@ -15,10 +15,11 @@ Nothing in it needs a good model: how far the vessel file's numbers may be off i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import Literal
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
@@ -57,8 +58,7 @@ REST_M_S = 0.1
 Phase = Literal["home", "fly", "done", "failed"]
 
 
-@dataclass(frozen=True)
-class FlightState:
+class FlightState(msgspec.Struct, frozen=True):
     """How far an excitation is. `elapsed_s`: flown of the segment; `side`, `psi_start`: of a zig-zag."""
 
     phase: Phase = "home"

@@ -6,8 +6,10 @@ drive.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Any
+
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.estimation.health import SETTLES
 from companion.core.messages import Alert, Health, OverrideLease, StateEstimate, UwbRanges
@@ -18,8 +20,7 @@ RECOVERED_NS = 2_000_000_000
 """An estimate that has been healthy for less still counts as degraded; assumed."""
 
 
-@dataclass(frozen=True)
-class AnnunciatorState:
+class AnnunciatorState(msgspec.Struct, frozen=True):
     """What the latest alerts said. `source`: of the leases; `unknown_anchors`: those already named.
 
     `degraded_ns`: since when [ns] the estimate has not been healthy for `RECOVERED_NS` in one go; `healthy_ns`: since

@@ -8,8 +8,10 @@ Without a receiver the autopilot boots into HOLD and stays there until overrides
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Any
+
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.messages import Heartbeat, StatusText, VehicleRequest
 from companion.core.pilot.modes import Event
@@ -25,8 +27,7 @@ HEARTBEAT_LOST_NS = 3_000_000_000
 """Heartbeats come at 1 Hz; three missing are a lost autopilot (assumed)."""
 
 
-@dataclass(frozen=True)
-class AutopilotState:
+class AutopilotState(msgspec.Struct, frozen=True):
     """The latest heartbeat, and when [ns] the latest request was made."""
 
     heartbeat: Heartbeat | None = None

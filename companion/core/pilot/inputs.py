@@ -13,10 +13,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 
-from msgspec.structs import replace as struct_replace
+from msgspec.structs import replace
 
 from companion.core.estimation.estimator import Estimator
 from companion.core.geometry.frames import ssa
@@ -60,7 +59,7 @@ class InputHandler:
     def _sense(self, state: PilotState, message: Any, t_ns: int) -> tuple[PilotState, Outputs]:
         if isinstance(message, Attitude):
             psi = ssa(message.psi_rad - math.radians(self.settings.site.rotation_deg))
-            message = struct_replace(message, psi_rad=psi)
+            message = replace(message, psi_rad=psi)
         estimator, innovations = self._estimator.step(state.estimator, message)
         return replace(state, estimator=estimator), list(innovations)
 

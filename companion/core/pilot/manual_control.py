@@ -11,9 +11,10 @@ moves the boat by itself.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.control.allocation import allocate
@@ -28,8 +29,7 @@ AHEAD_NS = 50_000_000
 """A stamp so far in the future is a clock that cannot be trusted; assumed."""
 
 
-@dataclass(frozen=True)
-class Sticks:
+class Sticks(msgspec.Struct, frozen=True):
     """The latest valid input, and whether its source has been at rest since its latest silence or change."""
 
     last: ManualInput | None = None

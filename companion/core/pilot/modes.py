@@ -18,8 +18,10 @@ is asked for, those of its NEEDS count for as long as they last; the others once
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
+
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.messages import Alert, Mode
 
@@ -202,8 +204,7 @@ def sentence(mode: Mode, event: Event, after: Mode, why: str) -> str:
     return f"{why}{hint}; {effect}"
 
 
-@dataclass(frozen=True)
-class ModeState:
+class ModeState(msgspec.Struct, frozen=True):
     """The mode. `wanted`: the mode after `starting`; `why`: the last change, or what is waited for, as text;
     `lasting`: conditions that held at the last tick; `taken`: the last time that somebody took the thrusters away.
     """

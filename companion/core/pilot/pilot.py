@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from companion.core.estimation.estimator import Estimator
 from companion.core.estimation.filter_state import FilterState

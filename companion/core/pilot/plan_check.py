@@ -12,9 +12,9 @@ turned about twice in a row by 3 N, and none of its rows was half as steep (step
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
@@ -27,8 +27,7 @@ MOST_TURNS = 6
 """Turns about in as many ticks: 0.6 s at 10 Hz; assumed. A boat and its sea do not change so fast."""
 
 
-@dataclass(frozen=True)
-class Proposals:
+class Proposals(msgspec.Struct, frozen=True):
     """First row of the latest plan, how it differed from the one before, and how often in a row that turned about."""
 
     f_n: tuple[float, ...] = ()

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
+
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.configuration.run_file import BatteryLimits, Control
 from companion.core.configuration.site_file import Site
@@ -64,8 +67,7 @@ class PilotSettings:
         return Flight(self.excitation, self.vessel, self.site, name=name, others=others, period_s=period_s)
 
 
-@dataclass(frozen=True)
-class PilotState:
+class PilotState(msgspec.Struct, frozen=True):
     """Everything the boat remembers between steps."""
 
     estimator: EstimatorState

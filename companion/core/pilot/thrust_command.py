@@ -12,9 +12,9 @@ from.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace
 
 from companion.core.constants import NEUTRAL_US
 from companion.core.control.fallback import FallbackSettings, command

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+from msgspec.structs import replace
 
 from companion.core.constants import GRAVITY_M_S2
 from companion.core.messages import Attitude, ImuSample

@@ -8,8 +8,10 @@ that.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
 from typing import Any
+
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.messages import Alert, CommandAck, Heartbeat, StatusText
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
@@ -21,8 +23,7 @@ STANDS_NS = 3_000_000_000
 """How long a reason stands that is not repeated; assumed: three requests."""
 
 
-@dataclass(frozen=True)
-class ArmingRefusals:
+class ArmingRefusals(msgspec.Struct, frozen=True):
     """`reasons`: (text, instant [ns] when last heard), oldest first; `refused`: the latest answer that was no; `told`:
     reasons of which there has been an alert since it was last armed.
     """

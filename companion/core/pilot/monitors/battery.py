@@ -8,8 +8,10 @@ A battery that is not told, or as no pack is, passes no limit: `BatteryWatch` sa
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Literal
+
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.configuration.run_file import BatteryLimits
 from companion.core.constants import pack_range
@@ -27,8 +29,7 @@ RECOVERED = 1.05
 """Share of a limit above which it is left; assumed: a 4S pack at rest gains some 0.5 V."""
 
 
-@dataclass(frozen=True)
-class BatteryState:
+class BatteryState(msgspec.Struct, frozen=True):
     """`voltage_v`: mean; `*_ns`: since when a limit has been passed; `low`, `critical`: for long enough."""
 
     voltage_v: float
@@ -79,8 +80,7 @@ class BatteryMonitor(Monitor[BatteryState]):
         return state, MonitorReport(conditions)
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(msgspec.Struct, frozen=True):
     """`since_ns`: instant of the latest one that a pack can have, or since when there could have been one; `blind`: it
     has been said that there is none; `seen`: what was told instead.
     """
@@ -90,8 +90,7 @@ class Reading:
     seen: str = "nothing"
 
 
-@dataclass(frozen=True)
-class BatteryReadings:
+class BatteryReadings(msgspec.Struct, frozen=True):
     """What is told of the battery."""
 
     voltage: Reading = Reading()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from companion.core.geometry.fence import Fence
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
@@ -11,8 +11,7 @@ BACK_M = 0.3
 """A boat is back once it is so far inside the fence; assumed: a position of UWB jitters by 0.1 m."""
 
 
-@dataclass(frozen=True)
-class FenceState:
+class FenceState(msgspec.Struct, frozen=True):
     """`outside`: of the fence, as last known."""
 
     outside: bool = False

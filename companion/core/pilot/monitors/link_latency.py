@@ -10,8 +10,10 @@ no more though its heartbeats come, is late beyond measure.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from statistics import median
+
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.messages import TimeSync
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
@@ -29,8 +31,7 @@ TOGETHER_NS = 125_000_000
 """Half the time between two questions."""
 
 
-@dataclass(frozen=True)
-class RoundTrips:
+class RoundTrips(msgspec.Struct, frozen=True):
     """`took_ns` of the last answers, newest last; `asked_ns`, `heard_ns`: of the newest; `late`: at the last tick.
 
     `lagged_ns`: when a tick of ours was last late by `LAG_NS`, and by how much.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 
@@ -10,8 +10,7 @@ LATE_TICKS = 10
 """So many ticks in a row, each a period late or more, are a loop that cannot keep up; assumed."""
 
 
-@dataclass(frozen=True)
-class LoopLag:
+class LoopLag(msgspec.Struct, frozen=True):
     """`late_ticks`: in a row, until now."""
 
     late_ticks: int = 0

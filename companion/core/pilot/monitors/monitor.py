@@ -7,8 +7,9 @@ To add one: a subclass of `Monitor` in a file of this folder, and a row in `tabl
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+
+import msgspec
 
 from companion.core.estimation.filter_state import FilterState
 from companion.core.messages import Alert, Message, StateEstimate
@@ -25,8 +26,7 @@ class LegAhead(NamedTuple):
     ahead_m: float
 
 
-@dataclass(frozen=True)
-class TickView:
+class TickView(msgspec.Struct, frozen=True):
     """What monitors may look at in a control tick at `t_ns` [ns].
 
     `lateness_ns`: of the tick; `plan_ns`: instant of the request that the latest usable plan answers;
@@ -53,15 +53,14 @@ class TickView:
     leg: LegAhead | None = None
 
 
-@dataclass(frozen=True)
-class MonitorReport:
+class MonitorReport(msgspec.Struct, frozen=True):
     """Events of the mode table, each with its reason, and alerts. At a tick the events are the conditions that hold.
 
     Only of a monitor that `screens`: `withhold`, the message must not reach the estimator; `instead`, what reaches it
     in its place.
     """
 
-    events: Mapping[Event, str] = field(default_factory=dict)
+    events: Mapping[Event, str] = msgspec.field(default_factory=dict)
     alerts: tuple[Alert, ...] = ()
     withhold: bool = False
     instead: Message | None = None

@@ -13,8 +13,10 @@ for it reads those pulses back from the processor, while the bit is the switch i
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from typing import Any
+
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.messages import MotorOutputs, OverrideLease, ParamValue, ServoOutput, StatusText
 from companion.core.pilot.modes import Event
@@ -38,20 +40,19 @@ SCRIPTS_STOPPED = "Scripting: stopped"
 """Text of the firmware when its Lua machine has ended (source: AP_Scripting.cpp)."""
 
 
-@dataclass(frozen=True)
-class OutputState(SentPulses):
+class OutputState(SentPulses, frozen=True):
     """`pulses_us`: output -> pulse width of the latest echo; `still`: echoes in a row in which nothing turned.
 
     `dead_ns`: since when no output has had a pulse; `lived`: one had, since the autopilot was first heard;
     `enabled`: what the latest SYS_STATUS said; `scripted`: output -> whether a script writes it.
     """
 
-    pulses_us: Mapping[int, int] = field(default_factory=dict)
+    pulses_us: Mapping[int, int] = msgspec.field(default_factory=dict)
     still: int = 0
     dead_ns: int | None = None
     lived: bool = False
     enabled: bool = True
-    scripted: Mapping[int, bool] = field(default_factory=dict)
+    scripted: Mapping[int, bool] = msgspec.field(default_factory=dict)
 
 
 class OutputMonitor(Monitor[OutputState]):

@@ -11,8 +11,9 @@ thrusters are to turn, are `output_monitor`'s.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any
+
+from msgspec.structs import replace
 
 from companion.core.constants import NEUTRAL_US
 from companion.core.messages import Alert, OverrideLease, ParamValue, RcChannels, ServoOutput
@@ -43,8 +44,7 @@ MOVED_US = 200
 _PULSE = range(800, 2201)
 
 
-@dataclass(frozen=True)
-class OverrideState(SentPulses):
+class OverrideState(SentPulses, frozen=True):
     """`base_us`: channels as the transmitter had them.
 
     `rc_ns`, `servo_ns`: latest echoes; `rc_bad_ns`, `servo_bad_ns`: since when they disagree; `episodes`: begins of

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
 
@@ -10,8 +10,7 @@ PLANLESS_NS = 5_000_000_000
 """So long without a usable plan the mission is broken off; assumed: the PD law below it is no pilot for corners."""
 
 
-@dataclass(frozen=True)
-class ControllerTime:
+class ControllerTime(msgspec.Struct, frozen=True):
     """`since_ns`: the controller drives since [ns]; None: it does not. Kept by `transitions`."""
 
     since_ns: int | None = None

@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from typing import TypeVar
+
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.constants import NEUTRAL_US
 from companion.core.messages import OverrideLease, ParamValue
@@ -25,12 +27,11 @@ _REMEMBERED = 50
 """Leases: at 50 Hz, the quickest period, the window and half a second of delay on the way."""
 
 
-@dataclass(frozen=True)
-class SentPulses:
+class SentPulses(msgspec.Struct, frozen=True):
     """`sent`: (from, until [ns], pulses [us]) of the latest leases; `carries`: output (from 1) -> thruster (from 0)."""
 
     sent: tuple[tuple[int, int, tuple[int, ...]], ...] = ()
-    carries: Mapping[int, int] = field(default_factory=dict)
+    carries: Mapping[int, int] = msgspec.field(default_factory=dict)
 
 
 State = TypeVar("State", bound=SentPulses)

@@ -6,7 +6,7 @@ now; stamps of the autopilot that are old are not believed. The estimate goes on
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from companion.core.messages import MEASUREMENTS, Alert
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport, TickView
@@ -17,8 +17,7 @@ DRAIN_NS = 500_000_000
 """So long after it readings may come out of a buffer; assumed."""
 
 
-@dataclass(frozen=True)
-class StallState:
+class StallState(msgspec.Struct, frozen=True):
     """Instant of the latest tick, and until when readings are left out [ns]."""
 
     tick_ns: int | None = None

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.messages import Alert, Attitude, ImuSample, Measured, OverrideLease
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
@@ -27,8 +29,7 @@ SMOOTHING = 0.2
 reading by the limit within a minute; its mean of some five readings does not."""
 
 
-@dataclass(frozen=True)
-class Repeats:
+class Repeats(msgspec.Struct, frozen=True):
     """The last reading of one sensor, since when it has been said, and how often.
 
     `witness`: what the others said first after that, by their type; `moved_ns`: since when one of them says otherwise.
@@ -38,19 +39,18 @@ class Repeats:
     since_ns: int = 0
     count: int = 0
     stuck: bool = False
-    witness: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    witness: Mapping[str, tuple[float, ...]] = msgspec.field(default_factory=dict)
     moved_ns: int | None = None
 
 
 NOTHING_READ = Repeats()
 
 
-@dataclass(frozen=True)
-class SensorRepeats:
+class SensorRepeats(msgspec.Struct, frozen=True):
     """`by_type`: repeats of each sensor, by its message; `rates_rad_s`: mean p, q, r of those that have them."""
 
-    by_type: Mapping[str, Repeats] = field(default_factory=dict)
-    rates_rad_s: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    by_type: Mapping[str, Repeats] = msgspec.field(default_factory=dict)
+    rates_rad_s: Mapping[str, tuple[float, ...]] = msgspec.field(default_factory=dict)
 
 
 class StuckSensorMonitor(Monitor[SensorRepeats]):

@@ -18,8 +18,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import Any
+
+from msgspec.structs import replace
 
 from companion.core.messages import Alert, Message
 from companion.core.pilot import transitions
@@ -122,12 +123,19 @@ def _hear(
 ) -> tuple[PilotState, Outputs, Message | None]:
     outputs: Outputs = []
     withhold = False
+    changed: list[object] = []
     for monitor in monitors:
         before = state.monitor(type(monitor.initial))
         own, report = monitor.on_message(before, message, t_ns)
-        state = state if own is before else state.with_monitors(own)
-        state, changes = transitions.events(state, report.events, t_ns)
-        outputs += [*report.alerts, *changes]
+        if own is not before:
+            changed.append(own)
+        outputs += report.alerts
+        if report.events:
+            # The mode table sees what monitors know by now; a new mode may change their states.
+            state, changes = transitions.events(state.with_monitors(*changed), report.events, t_ns)
+            outputs += changes
+            changed.clear()
         withhold = withhold or report.withhold
         message = report.instead or message
+    state = state.with_monitors(*changed) if changed else state
     return state, outputs, None if withhold else message

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Literal
+
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.messages import Alert
 from companion.core.pilot.monitors.monitor import NOTHING, LegAhead, Monitor, MonitorReport, TickView
@@ -14,8 +16,7 @@ WAY_M = 0.5
 """So much nearer, or farther along the course, is way; assumed: more than noise and waves move an estimate."""
 
 
-@dataclass(frozen=True)
-class ProgressState:
+class ProgressState(msgspec.Struct, frozen=True):
     """`leg`: the leg ahead when way was made last, and `since_ns` then; `is_alerted`: that none has been made since."""
 
     leg: LegAhead | None = None

@@ -6,9 +6,9 @@ on sensors are latched until the operator starts anew: an estimate that was cont
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
+import msgspec
 from msgspec.structs import replace
 
 from companion.core.messages import OperatorCommand, StateEstimate
@@ -16,8 +16,7 @@ from companion.core.messages import OperatorCommand, StateEstimate
 Cause = Literal["sensor", "thruster", "surroundings"]
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(msgspec.Struct, frozen=True):
     """`cause`; `what`: which sensor, thruster or force, in words; `text`: for the operator; `t_ns`: since when;
     `bearable`: the estimate is as sound as it was.
     """

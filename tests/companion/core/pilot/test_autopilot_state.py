@@ -1,8 +1,7 @@
 """The autopilot by its heartbeats: what is asked for and when, what somebody else took, and when it counts as lost."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from companion.core.messages import Heartbeat
 from companion.core.pilot.autopilot_state import (

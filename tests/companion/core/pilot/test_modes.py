@@ -1,12 +1,12 @@
 """The mode table: every mode with every event, and what must hold of them all. Through the pilot: test_pilot_modes."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from companion.core.messages import Alert
 from companion.core.pilot.modes import (

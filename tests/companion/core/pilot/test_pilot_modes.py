@@ -1,12 +1,12 @@
 """Every mode with every event through the real `Pilot.step`: the table's mode, and no motion after neutral was due."""
 
-from dataclasses import replace
+from dataclasses import replace as with_settings
 from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from msgspec.structs import replace as with_
+from msgspec.structs import replace
 
 from companion.boat.load_run import setup_of
 from companion.core import messages as m
@@ -40,7 +40,7 @@ def minds() -> tuple[Pilot, Pilot]:
     told = setup()
     texts = {**told.files, "excitation.toml": excitation_toml(PLAN)}
     settings = setup_of(texts, {name: name for name in texts}).pilot
-    return Pilot(settings), Pilot(replace(settings, excitation=None, site=with_(settings.site, fence=FAR)))
+    return Pilot(settings), Pilot(with_settings(settings, excitation=None, site=replace(settings.site, fence=FAR)))
 
 
 class Boat(Shell):
@@ -70,7 +70,7 @@ class Boat(Shell):
         self.t_ns += 100 * MS
         self.index += 1
         if self.heartbeats:
-            self.feed(with_(self.state.monitor(AutopilotState).heartbeat, t_ns=self.t_ns))
+            self.feed(replace(self.state.monitor(AutopilotState).heartbeat, t_ns=self.t_ns))
         if self.sticks is not None:
             self.feed(stick(self.t_ns, self.sticks))
         before = len(self.leases)

@@ -1,11 +1,11 @@
 """What the pilot hands to its rooms, and what it keeps between modes: each thing that a mutant once changed unseen."""
 
-from dataclasses import replace
+from dataclasses import replace as with_settings
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from msgspec.structs import replace as with_
+from msgspec.structs import replace
 
 from companion.boat.load_run import setup_of
 from companion.core import messages as m
@@ -26,7 +26,7 @@ S, MS = 1_000_000_000, 1_000_000
 
 
 def pilot_of(**changed):
-    return Pilot(replace(setup().pilot, **changed))
+    return Pilot(with_settings(setup().pilot, **changed))
 
 
 class Spy:
@@ -54,8 +54,8 @@ class Spy:
 def test_a_plan_begins_where_the_boat_will_be_when_it_acts():
     """Half a second on the way to the autopilot, three quarters of a second in the thruster: assumed, to tell apart."""
     told = setup().pilot
-    vessel = with_(told.vessel, propulsion=with_(told.vessel.propulsion, dead_time_s=0.75))
-    mind = pilot_of(vessel=vessel, control=with_(told.control, latency_s=0.5))
+    vessel = replace(told.vessel, propulsion=replace(told.vessel.propulsion, dead_time_s=0.75))
+    mind = pilot_of(vessel=vessel, control=replace(told.control, latency_s=0.5))
     state, t_ns = under_way()
     shell, filter_ = replaced(mind, state, t_ns), Estimator(vessel, told.site)
     shell.feed(m.Tick(t_ns=t_ns, index=1000))
@@ -100,7 +100,7 @@ def test_the_reference_begins_at_the_state_that_the_plan_begins_at(monkeypatch):
 
 def test_a_heading_is_turned_into_the_axes_of_the_site():
     told = setup().pilot
-    mind = pilot_of(site=with_(told.site, rotation_deg=30.0))
+    mind = pilot_of(site=replace(told.site, rotation_deg=30.0))
     attitude = m.Attitude(t_ns=S, t_rx_ns=S, phi_rad=0.0, theta_rad=0.0, psi_rad=1.0, p_rad_s=0.0, q_rad_s=0.0,
                           r_rad_s=0.0)  # fmt: skip
     state, _ = mind.step(mind.initial(0), [attitude], S)
@@ -134,7 +134,7 @@ def test_one_row_of_another_length_spoils_a_plan(rows):
     boat.tick()
     before = boat.state.plan
     boat.t_ns += 100 * MS
-    boat.feed(with_(boat.state.monitor(AutopilotState).heartbeat, t_ns=boat.t_ns), m.Tick(t_ns=boat.t_ns, index=7000))
+    boat.feed(replace(boat.state.monitor(AutopilotState).heartbeat, t_ns=boat.t_ns), m.Tick(t_ns=boat.t_ns, index=7000))
     boat.feed(plan(7000, boat.t_ns, f_n=rows))
     assert boat.state.plan is before and boat.leases[-1].source == "shifted_plan"
 
@@ -257,7 +257,7 @@ def test_the_controller_s_time_without_a_plan_counts_from_its_own_beginning():
         boat.t_ns += 100 * MS
         boat.index += 1
         boat.feed(
-            with_(boat.state.monitor(AutopilotState).heartbeat, t_ns=boat.t_ns),
+            replace(boat.state.monitor(AutopilotState).heartbeat, t_ns=boat.t_ns),
             m.Tick(t_ns=boat.t_ns, index=boat.index),
         )
         boat.feed(m.PlanDeadline(t_ns=boat.t_ns, index=boat.index))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from msgspec.structs import replace
 
 from companion.core.pilot.state import PilotState
 from companion.core.pilot.trust.sensors.motion_check import MotionState

@@ -9,7 +9,8 @@ silent.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.configuration.sensors import Imu
 from companion.core.messages import Alert, ImuSample, OperatorCommand
@@ -28,8 +29,7 @@ GAP_NS = 500_000_000
 """Two samples farther apart have nothing to do with each other; assumed."""
 
 
-@dataclass(frozen=True)
-class AccelerometerState:
+class AccelerometerState(msgspec.Struct, frozen=True):
     """`last`: the latest sample; `shakes_m_s2`: mean change beyond what a boat does; `first`: of samples whose specific
     force is the same as that of the last one; `life`: share of samples that were not the same as the one before.
     """

@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from dataclasses import dataclass, replace
 from operator import attrgetter
 
+import msgspec
 import numpy as np
-from msgspec.structs import replace as struct_replace
+from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.filter_state import Tilt
@@ -53,8 +53,7 @@ FROZEN_LIMIT_RAD = 0.04
 """Where one of them repeats itself: if the other turns, it is not measured any more. Assumed."""
 
 
-@dataclass(frozen=True)
-class Turn:
+class Turn(msgspec.Struct, frozen=True):
     """Sums since switch-on at `t_ns`: heading unwrapped, yaw rate and the model's yaw rate added up [rad]; `share`: of
     full thrust at the tick; `rate_rad_s`: the yaw rate then.
     """
@@ -67,8 +66,7 @@ class Turn:
     rate_rad_s: float = 0.0
 
 
-@dataclass(frozen=True)
-class HeadingState:
+class HeadingState(msgspec.Struct, frozen=True):
     """`now`: the sums; `past`: at the last ticks, none before the filter runs; `contradicted`: ticks in a row;
     `jumped`: heading is left out; `older`: attitudes in a row that were not newer than the one before; `drives_ns`:
     since when thrusters may turn; `is_suspect`: the two disagree over the shortest window, perhaps not enough to tell.
@@ -108,11 +106,11 @@ class HeadingMonitor(Monitor[HeadingState]):
         if self._sensor.screen(message)[0] is None or math.isnan(message.psi_rad):
             return state, NOTHING
         before, alerts = state.now, ()
-        in_site = struct_replace(message, psi_rad=ssa(message.psi_rad - self._rotation_rad))
+        in_site = replace(message, psi_rad=ssa(message.psi_rad - self._rotation_rad))
         sensed = self._sensor.correct(in_site)  # what the file knows of the sensors contradicts nothing
         rate = yaw_rate(Tilt(sensed.phi_rad, sensed.theta_rad), sensed.q_rad_s, sensed.r_rad_s)
         is_newer = before is not None and 0 < sensed.t_ns - before.t_ns <= GAP_NS
-        left_out = MonitorReport(instead=struct_replace(message, psi_rad=math.nan)) if state.jumped else NOTHING
+        left_out = MonitorReport(instead=replace(message, psi_rad=math.nan)) if state.jumped else NOTHING
         if not is_newer and before is not None and abs(sensed.t_ns - before.t_ns) <= GAP_NS and state.older < OLDER:
             return replace(state, older=state.older + 1), left_out
         if before is None or not is_newer:
@@ -128,7 +126,7 @@ class HeadingMonitor(Monitor[HeadingState]):
             alerts = (Alert(t_ns=t_ns, level="error", text=text),)
             finding = Finding("sensor", "heading", text, t_ns)
             state = replace(state, jumped=True, past=(), findings=(*state.findings, finding))
-        instead = struct_replace(message, psi_rad=math.nan) if state.jumped else None
+        instead = replace(message, psi_rad=math.nan) if state.jumped else None
         readings = state.readings.take(message.psi_rad, message.r_rad_s, dt_s)
         return replace(state, now=now, readings=readings, older=0), MonitorReport(alerts=alerts, instead=instead)
 

@@ -17,11 +17,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.filter_state import B_RANGE, FilterState
@@ -82,8 +83,7 @@ class Cycle(NamedTuple):
 NO_CYCLE = Cycle({})
 
 
-@dataclass(frozen=True)
-class MotionState:
+class MotionState(msgspec.Struct, frozen=True):
     """`slip_m_s`: mean, north and east; `beyond`, `forced`: ticks in a row with too much slip, too much force; `sum`:
     of the ranges' surprise; `cycle`: the one at hand; `doubted`: anchors that may have moved the boat, by number.
     """

@@ -16,12 +16,13 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
 from operator import attrgetter
 from statistics import fmean
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from companion.core.configuration.sensors import Sensors, Uwb
 from companion.core.configuration.site_file import Site
@@ -80,8 +81,7 @@ class PathPoint(NamedTuple):
     force: complex
 
 
-@dataclass(frozen=True)
-class PathState:
+class PathState(msgspec.Struct, frozen=True):
     """`path`, `ranges`: of the window; `forces`, `cycles`: arrived since the last tick; `judged_ns`: the last tick
     after which a verdict was due, `is_due`: it still is; `blamed`: thrusters were suspected then; `is_suspect`: ranges
     are turned, perhaps; `untrusted`: that was found.

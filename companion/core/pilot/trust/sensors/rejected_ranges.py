@@ -9,7 +9,8 @@ It blames nobody: the estimate may be wrong as well as the ranges.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+import msgspec
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.messages import Alert, Innovation
@@ -24,8 +25,7 @@ LIMIT = 8.0
 REJECTED, ACCEPTED = math.log(BAD_SHARE / SOUND_SHARE), math.log((1 - BAD_SHARE) / (1 - SOUND_SHARE))
 
 
-@dataclass(frozen=True)
-class RejectionState:
+class RejectionState(msgspec.Struct, frozen=True):
     """`sum` [nats]; `is_high`: since it reached `LIMIT`, until it is 0 again."""
 
     sum: float = 0.0

@@ -8,9 +8,9 @@ all repeat, and an anchor that has repeated itself five times in a row.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 
-from msgspec.structs import replace as struct_replace
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.messages import Alert, UwbPosition, UwbRanges
 from companion.core.pilot.monitors.monitor import NOTHING, Monitor, MonitorReport
@@ -22,13 +22,12 @@ ANCHOR_REPEATS = 5
 """Of one anchor alone; by chance (3 % a reading at 1 cm) once in 4,000 hours at 1 Hz with four anchors."""
 
 
-@dataclass(frozen=True)
-class RangeRepeats:
+class RangeRepeats(msgspec.Struct, frozen=True):
     """`last`: the latest reading of each anchor [m] and how often it has been repeated; `new_ns`: when something new
     was said; `told`: what the latest alert named, as text; `position`: the tag's own, and repeats of its coordinates.
     """
 
-    last: Mapping[str, tuple[float, int]] = field(default_factory=dict)
+    last: Mapping[str, tuple[float, int]] = msgspec.field(default_factory=dict)
     new_ns: int = 0
     told: str = ""
     position: tuple[tuple[float, float] | None, int] = (None, 0)
@@ -61,7 +60,7 @@ class RepeatedRangesMonitor(Monitor[RangeRepeats]):
             return now, MonitorReport(alerts=alerts)
         good = tuple(r for r in message.ranges if r.anchor not in stuck)
         return now, MonitorReport(
-            alerts=alerts, withhold=not good, instead=struct_replace(message, ranges=good) if good else None
+            alerts=alerts, withhold=not good, instead=replace(message, ranges=good) if good else None
         )
 
     def _repeated(self, state: RangeRepeats, repeats: int, t_ns: int) -> tuple[RangeRepeats, MonitorReport]:

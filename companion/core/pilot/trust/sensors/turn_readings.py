@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 FROZEN = 10
 """So many readings in a row that are the same to the last digit are suspicious, if the other sensor turns; assumed."""
@@ -21,8 +22,7 @@ next, averaged over `SCATTER_S`, is noise: of a good gyro nothing is left, 0.03 
 counts for `SPIKE_RAD_S` at most. Assumed."""
 
 
-@dataclass(frozen=True)
-class Repetition:
+class Repetition(msgspec.Struct, frozen=True):
     """The last reading, how often and for how long it has been repeated; how many before it were lively, and the last
     of them.
     """
@@ -60,8 +60,7 @@ def _are_rounded(readings: tuple[float, ...]) -> bool:
     return bool((off > PART).mean() < ROUNDED)
 
 
-@dataclass(frozen=True)
-class TurnReadings:
+class TurnReadings(msgspec.Struct, frozen=True):
     """Heading and yaw rate as they are read, and how much the rate scatters [rad/s]."""
 
     psi_rad: Repetition = Repetition()

@@ -22,10 +22,10 @@ estimating it; what would blame this thruster once more says what `sound` says.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from companion.core.pilot.trust.thrusters.wave_noise import transition
@@ -103,8 +103,7 @@ def hypotheses(n: int) -> tuple[ThrustHypothesis, ...]:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class BankState:
+class BankState(msgspec.Struct, frozen=True, eq=False):
     """Batch of K filters: mean (K, 10 + n) of [d a waves c], covariance, sum of log-likelihood ratios (K,) [nats]. Of a
     thruster that is known to stick the force c_i [N] stands for a_i.
 

@@ -12,9 +12,9 @@ The plan's body force tau = B f is kept: thrusters that can still be commanded t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 
@@ -24,8 +24,7 @@ from companion.core.model.actuators.propulsion import is_steered
 from companion.core.model.thrusters import configuration_matrix
 
 
-@dataclass(frozen=True)
-class ThrusterHealth:
+class ThrusterHealth(msgspec.Struct, frozen=True):
     """`gains`, `stuck_n` (None: not stuck) and `order` (whose pulse each one gets), in the vessel file's order."""
 
     gains: tuple[float, ...]

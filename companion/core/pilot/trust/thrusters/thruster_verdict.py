@@ -4,11 +4,12 @@ the operator."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.estimation.filter_state import FilterState
@@ -63,8 +64,7 @@ class TickMotion(NamedTuple):
     view: TickView
 
 
-@dataclass(frozen=True, eq=False)
-class ThrusterState:
+class ThrusterState(msgspec.Struct, frozen=True, eq=False):
     """`bank`; what has come since the last tick: `force`, `count` of samples, `rates` (instant, r) of the attitudes;
     `before`: the filter at the last tick, and its yaw rate; `health`: what is known; `probing`: forces that cancel
     each other are commanded, to tell one thruster from another; `quiet_until_ns`: commands of before the latest

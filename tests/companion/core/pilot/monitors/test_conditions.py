@@ -1,10 +1,9 @@
 """Conditions as they come and go: battery, fence, loop, solver, estimate; each with its limit from both sides."""
 
 import math
-from dataclasses import replace
 
 import pytest
-from msgspec.structs import replace as with_
+from msgspec.structs import replace
 
 from companion.core.configuration.run_file import BatteryLimits, Control, load_run
 from companion.core.configuration.tables import ConfigError
@@ -123,14 +122,14 @@ def test_limits_the_wrong_way_round_are_refused_with_their_key():
 def test_beyond_the_fence_and_back_with_room_to_spare():
     fence = FenceState()
     for east, outside in ((9.9, False), (10.1, True), (9.9, True), (9.71, True), (9.69, False), (10.1, True)):
-        after, found = at(fence, estimate=with_(ESTIMATE, east_m=east))
+        after, found = at(fence, estimate=replace(ESTIMATE, east_m=east))
         fence = after[FenceState]
         assert (fence.outside, "fence_breached" in found) == (outside, outside), east
     assert found["fence_breached"] == "outside the fence by 0.1 m"
 
 
 def test_without_an_estimate_the_boat_is_where_it_was():
-    lost = with_(ESTIMATE, east_m=50.0, health="lost", reason="why")
+    lost = replace(ESTIMATE, east_m=50.0, health="lost", reason="why")
     assert not at(FenceState(outside=False), estimate=lost)[0][FenceState].outside
     after, found = at(FenceState(outside=True), estimate=lost)
     assert after[FenceState].outside and found["fence_breached"] == "outside the fence"
@@ -139,16 +138,16 @@ def test_without_an_estimate_the_boat_is_where_it_was():
 
 @pytest.mark.parametrize("outside", [False, True])
 def test_a_place_that_is_no_number_is_not_inside(outside):
-    nowhere = with_(ESTIMATE, north_m=math.nan, east_m=math.nan)
+    nowhere = replace(ESTIMATE, north_m=math.nan, east_m=math.nan)
     assert at(FenceState(outside=outside), estimate=nowhere)[0][FenceState].outside
 
 
 def test_degraded_is_no_obstacle_until_it_has_lasted():
-    sick = with_(ESTIMATE, health="degraded", reason="no UWB")
+    sick = replace(ESTIMATE, health="degraded", reason="no UWB")
     assert set(at(estimate=sick)[1]) == {"degraded"}
     since = AnnunciatorState(health="degraded", degraded_ns=sick.t_ns - 16 * S)
     assert set(at(since, estimate=sick)[1]) == {"degraded", "unfit"}
-    assert set(at(estimate=with_(sick, health="initialising"))[1]) == {"degraded", "unfit"}
+    assert set(at(estimate=replace(sick, health="initialising"))[1]) == {"degraded", "unfit"}
 
 
 def test_a_loop_is_late_after_ten_late_ticks_in_a_row():

@@ -1,6 +1,7 @@
 """The table of monitors: who hears what and when, what a report does, and that every monitor has its own state."""
 
-from dataclasses import dataclass, replace
+import msgspec
+from msgspec.structs import replace
 
 from companion.core.estimation.estimator import Estimator
 from companion.core.messages import Alert, Attitude, Heartbeat, ImuSample
@@ -14,8 +15,7 @@ from tests.support.drive_fixture import pilot, setup, under_way
 ALERT = Alert(t_ns=7, level="info", text="counted")
 
 
-@dataclass(frozen=True)
-class Count:
+class Count(msgspec.Struct, frozen=True):
     heard: int = 0
     ticks: int = 0
 
@@ -34,8 +34,7 @@ class Counter(Monitor[Count]):
         return state, MonitorReport({"loop_lag": "two"} if state.ticks > 1 else {}, (ALERT,))
 
 
-@dataclass(frozen=True)
-class Shut:
+class Shut(msgspec.Struct, frozen=True):
     pass
 
 

@@ -1,8 +1,7 @@
 """Outputs that are cut (safety switch, no pulse) or stay still though the thrusters are to turn."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from companion.core.messages import MotorOutputs, ParamValue, StatusText
 from companion.core.pilot.monitors.output_monitor import LOADS_NS, OutputMonitor

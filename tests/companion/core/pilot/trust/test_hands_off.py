@@ -1,9 +1,8 @@
 """A boat that is driven by hand and asks which thruster it is asks only while its thrusters are wanted."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.pilot.trust.thrusters.remaining_thrust import ThrusterHealth

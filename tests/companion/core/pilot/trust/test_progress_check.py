@@ -1,8 +1,7 @@
 """A boat that makes no way says so, once, and goes on."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from companion.boat.load_run import setup_of
 from companion.core.control.nmpc import Actuation, Nmpc

@@ -1,13 +1,12 @@
 """Heading against gyro: which of the two is wrong, and what is no fault of either."""
 
 import math
-from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
-import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.core.messages import Attitude
 from companion.core.pilot.trust.sensors.heading_check import HeadingMonitor, HeadingState
@@ -154,7 +153,7 @@ def test_attitudes_out_of_order_or_of_the_same_instant_hide_nothing(late_ns):
     """Two in one packet of a link without a clock, or two packets that changed places, one in ten."""
 
     def again(message):
-        return (msgspec.structs.replace(message, t_ns=message.t_ns - late_ns),) if message.t_ns % (S // 5) == 0 else ()
+        return (replace(message, t_ns=message.t_ns - late_ns),) if message.t_ns % (S // 5) == 0 else ()
 
     drift = iter(np.arange(0.0, 10.0, math.radians(6.0) / 50))
     (finding,) = watched(lambda psi, r, rng: (psi + next(drift), r), again=again).findings

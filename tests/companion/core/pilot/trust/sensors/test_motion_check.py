@@ -1,11 +1,10 @@
 """A boat that moves otherwise than it is driven stops, and says what it had suspected by then."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
-import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.core.estimation.latent_activity import LatentMeans
 from companion.core.messages import Innovation, OperatorCommand
@@ -40,9 +39,9 @@ AT_REST = SimpleNamespace(
 def contradicted_after_s(rate_Hz, d2, cycles=200, one_by_one=False):
     """When ranges to anchors that are off by d2 = nu^2 / S each are found to contradict; None: never."""
     vessel = vessel_of("aritra")
-    uwb = msgspec.structs.replace(vessel.sensors.uwb, rate_Hz=rate_Hz)
-    sensors = msgspec.structs.replace(vessel.sensors, uwb=uwb)
-    monitor, state = MotionMonitor(msgspec.structs.replace(vessel, sensors=sensors)), MotionState()
+    uwb = replace(vessel.sensors.uwb, rate_Hz=rate_Hz)
+    sensors = replace(vessel.sensors, uwb=uwb)
+    monitor, state = MotionMonitor(replace(vessel, sensors=sensors)), MotionState()
     for k in range(round(cycles * max(1.0, 10.0 / rate_Hz))):
         t_ns = k * S // 10
         if k % max(1, round(10 / rate_Hz)) == 0:

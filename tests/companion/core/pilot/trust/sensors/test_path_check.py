@@ -2,12 +2,11 @@
 
 import cmath
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
-import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.core.configuration.site_file import Anchor
 from companion.core.constants import GRAVITY_M_S2
@@ -36,9 +35,9 @@ def found(delay_s=0.0, *, flow=0.0, scale=1.0, compass_rad=0.0, bias=0.0, place=
     `shown`: of the view.
     """
     vessel = boat("aritra")
-    uwb = msgspec.structs.replace(vessel.sensors.uwb, x_m=0.3, y_m=0.0, z_m=0.0)
-    sensors = msgspec.structs.replace(vessel.sensors, uwb=uwb)
-    site = msgspec.structs.replace(setup(None).pilot.site, anchors=ANCHORS)
+    uwb = replace(vessel.sensors.uwb, x_m=0.3, y_m=0.0, z_m=0.0)
+    sensors = replace(vessel.sensors, uwb=uwb)
+    site = replace(setup(None).pilot.site, anchors=ANCHORS)
     monitor, state, rng = PathMonitor(sensors, site), PathState(), np.random.default_rng(seed)
     places, at = [], np.array([15.0, 15.0])
     for k in range(round(10 * end_s)):

@@ -1,8 +1,7 @@
 """The thruster bank and its judge on residuals of a boat that is driven by random forces, without a filter."""
 
-from dataclasses import replace
-
 import numpy as np
+from msgspec.structs import replace
 
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix

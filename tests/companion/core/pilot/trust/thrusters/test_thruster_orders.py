@@ -1,10 +1,10 @@
 """What is found of a dead thruster, and what a new order and a second finding leave of it. Seeds 5 and 6."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.core.messages import OperatorCommand
 from companion.core.model.manoeuvring import mass_matrix

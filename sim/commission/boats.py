@@ -19,12 +19,14 @@ from typing import Protocol
 import numpy as np
 
 from companion.boat.load_run import setup_of
+from companion.core.configuration.tables import digest
 from companion.core.excitation.pen import Pen
 from companion.core.messages import ExcitationStatus, GroundTruth, GuidanceReference, ModeStatus
+from companion.core.model.vessel_text import vessel_toml
 from companion.core.pilot.pilot import Pilot
 from companion.logs.log_file import LogError, LogFile
 from companion.python_child import dependent_aritra
-from sim.commission.journal import LOG
+from sim.commission.journal import LOG, REAL, number_of
 from sim.world.stepped import SteppedRun, SteppedWorld
 from sim.world.stepped_controller import no_plan, stepped_controller
 from sim.world.stepped_logs import TRUTH, SteppedLogs
@@ -79,10 +81,15 @@ class SimulatedBoat:
     seed: int
     worlds: Worlds = simulated_world
 
+    @property
+    def name(self) -> str:
+        """Which boat and world a folder is about."""
+        return f"a simulated boat ({digest(vessel_toml(self.world.vessel) + repr(self.world.weather))})"
+
     def fly(self, files: Mapping[str, str], folder: Path, say: Say) -> Flown:
         """See `Boat`."""
         setup = setup_of(files, {name: f"{folder / name}" for name in files})
-        number = int(folder.name[:2])
+        number = number_of(folder)
         here = replace(self.world, start=self._start(folder.parent, setup.pilot.pen))
         excite = setup.pilot.excitation is not None
         pilot = Pilot(setup.pilot)
@@ -122,11 +129,17 @@ class RealBoat:
     """`aritra run` as a process of its own; it can be stopped as ever. `wires`: more words of its command line.
 
     `ask`: a person, told how the flight ended, whether to go on. A boat that was stopped, or has stopped itself, does
-    not move again because the next flight begins.
+    not move again because the next flight begins. `warn`: returns as thrusters may turn.
     """
 
     wires: tuple[str, ...] = ()
     ask: Callable[[str], bool] = lambda _ending: False
+    warn: Callable[[], None] = lambda: None
+
+    @property
+    def name(self) -> str:
+        """Which boat a folder is about."""
+        return REAL
 
     def fly(self, files: Mapping[str, str], folder: Path, say: Say) -> Flown:
         """See `Boat`."""
@@ -134,6 +147,7 @@ class RealBoat:
         words += ["--config", str(folder / "run.toml"), "--log", str(folder / LOG)]
         if "excitation.toml" in files:
             words += ["--excite", str(folder / "excitation.toml")]
+        self.warn()
         with subprocess.Popen(words) as process:
             try:
                 code = process.wait(LIMIT_S)

@@ -32,9 +32,9 @@ from sim.commission.belief import BoatBelief, learned
 from sim.commission.boats import Boat
 from sim.commission.causes import Causes, causes
 from sim.commission.journal import INTERRUPTED, LOG, FlightJournal, FlightRecord, stage_of
+from sim.commission.news import doubts, news
 from sim.commission.proof import Proof, driven, proof
-from sim.commission.stages import PROVEN, SIGNS, STAGES, Stage, propose
-from sim.fitting.engine.parameters import WARP
+from sim.commission.stages import PROVEN, SIGNS, STAGES, Proposal, Stage, propose
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.excite.design import gain_nats
 from sim.fitting.excite.information import indices_of_interest
@@ -43,6 +43,9 @@ RESERVE_S = 420.0
 """Kept for the proof and two missions; assumed: the demo's mission takes 110 s."""
 OLD, NEW = "mission-before", "mission"
 BEGINNING, IDENTIFIED, EXTENDED = "first file", "identified", "identified with causes"
+MOST_ENDED = 5
+"""So many flights of a stage that were ended at once, and it is over; assumed."""
+NO_PLAN = Proposal(None)
 YIELD = (0.05, 1.0)
 """Least and largest share of the expected nats that flights are taken to tell; assumed."""
 Say = Callable[[str], None]
@@ -115,7 +118,7 @@ class Commissioning:
             except StoppedError as error:
                 return self._outcome(error.belief, error.belief.vessel, False, str(error))
             if stage is SIGNS and not belief.signs_known:
-                return self._outcome(belief, belief.first, False, _doubts(belief))
+                return self._outcome(belief, belief.first, False, f"{doubts(belief)} ({self._over[SIGNS.name]})")
         if belief.fit is None:
             return self._outcome(belief, belief.first, False, f"no fit: {belief.problem or 'nothing was flown'}")
         return self._proven(belief)
@@ -124,24 +127,22 @@ class Commissioning:
         """Fly a stage until it is over; what is believed then."""
         while True:
             own = [record for name, record in self._records() if name == stage.name]
-            flown = sum(record.done if stage is PROVEN else record.seconds > 0 for record in own)
+            flown = sum(record.done if stage is PROVEN else record.counts for record in own)
             left_s = 60 * self.task.minutes - self._spent_s() - RESERVE_S * (stage is not PROVEN)
             proposal = propose(
                 stage, belief, self.task.library, self.task.site, left_s, flown, self._yielded(), self._status
             )
-            if proposal.plan is None:
-                self._over[stage.name] = proposal.why
-                self._say(f"{stage.name}: over: {proposal.why}")
-                return belief
-            if left_s <= 0:
-                self._over[stage.name] = "no time left"
+            why = f"{MOST_ENDED} of its flights were ended early" if len(own) - flown >= MOST_ENDED else ""
+            why = why or ("no time left" if left_s <= 0 else "")
+            if proposal.plan is None or why:
+                self._over[stage.name] = proposal.why or why
+                self._say(f"{stage.name}: over: {self._over[stage.name]}")
                 return belief
             expected = f", {proposal.nats:.1f} nats expected" if proposal.nats else ""
-            self._say(f"{stage.name}: {stage.why}; flight of {proposal.minutes:.1f} minutes{expected}")
+            left = f"{left_s / 60:.0f} of {self.task.minutes:g} minutes left"
+            self._say(f"{stage.name}: {stage.why}; flight of {proposal.minutes:.1f} minutes{expected}; {left}")
             plan = excitation_toml(proposal.plan, f"{stage.name}: {stage.why}")
-            record, folder = self._fly(
-                stage.name, proposal.vessel or belief.vessel, {"excitation.toml": plan}, proposal.nats
-            )
+            record, folder = self._fly(stage.name, belief.vessel, {"excitation.toml": plan}, proposal)
             if not record.seconds:
                 self.journal.close(folder, record)
                 raise NotFlownError(record.ending)
@@ -207,20 +208,21 @@ class Commissioning:
         with contextlib.suppress(LogError):
             record = replace(record, cross_track_rms_m=driven(folder / LOG, self.task.points))
         self.journal.close(folder, record)
-        self._say(
-            f"{name}: {record.ending}; cross-track {record.cross_track_rms_m or float('nan'):.3f} m by its own estimate"
-        )
+        error_m = record.cross_track_rms_m
+        error = "no track" if error_m is None else f"cross-track {error_m:.3f} m by its own estimate"
+        self._say(f"{name}: {record.ending}; {error}")
         return record
 
     def _fly(
-        self, name: str, vessel: VesselFile, more: Mapping[str, str], nats: float = 0.0
+        self, name: str, vessel: VesselFile, more: Mapping[str, str], plan: Proposal = NO_PLAN
     ) -> tuple[FlightRecord, Path]:
         head = f"{name}: as believed by `aritra commission`"
-        files = {**self.task.files, "vessel.toml": vessel_toml(vessel, head), **more}
+        files = {**self.task.files, "vessel.toml": vessel_toml(plan.vessel or vessel, head), **more}
         folder = self.journal.begin(name, files)
         flown = self.boat.fly(files, folder, lambda text: self._status(f"{name}: {text}"))
+        seconds, planned_s = _logged_s(folder / LOG), 60 * plan.minutes
         record = FlightRecord(
-            stage=name, seconds=_logged_s(folder / LOG), ending=flown.ending, done=flown.done, nats=nats
+            stage=name, seconds=seconds, ending=flown.ending, done=flown.done, nats=plan.nats, planned_s=planned_s
         )
         return record, folder
 
@@ -264,28 +266,6 @@ class Commissioning:
 
     def _outcome(self, belief: BoatBelief, vessel: VesselFile, reached: bool, why: str) -> CommissionOutcome:
         return CommissionOutcome(belief, vessel, reached, why, over=dict(self._over), flights=tuple(self._records()))
-
-
-def _doubts(belief: BoatBelief) -> str:
-    if belief.astray:
-        return f"{belief.astray}: correct that, and begin again in another folder"
-    lines = (*belief.wiring.lines, *belief.wiring.open_lines)
-    return f"signs and sides could not be told: {' '.join(lines) or 'the logs hold too little'}"
-
-
-def news(before: BoatBelief, after: BoatBelief) -> list[str]:
-    """What a flight told, in sentences."""
-    known = {finding.name for finding in before.wiring.findings}
-    lines = [f"{f.text} ({f.nats:g} nats)" for f in after.wiring.findings if f.name not in known and f.nats is not None]
-    if after.problem:
-        lines.append(f"no fit yet: {after.problem}")
-    if after.fit is not None:
-        gained = gain_nats(before.known, after.known, indices_of_interest(after.vessel))
-        no_matter = (*WARP, *after.fit.held)
-        still = [p.name for p in after.fit.parameters if not p.determined and p.name not in no_matter]
-        lines.append(f"{gained:.1f} nats learnt of hull and thrusters")
-        lines.append(f"not determined: {', '.join(still)}" if still else "every parameter is determined")
-    return lines
 
 
 def _logged_s(log: Path) -> float:

@@ -12,7 +12,7 @@ from companion.core.configuration.site_file import Site
 from companion.core.messages import StateEstimate
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.series import KNOWN, broken
-from sim.commission.job import NEW, OLD, CommissionOutcome
+from sim.commission.job import BEGINNING, NEW, OLD, CommissionOutcome
 from sim.commission.journal import LOG, FlightJournal, stage_of
 from sim.commission.stages import STAGES
 from sim.fitting.identify.report.tables import parameter_table
@@ -36,7 +36,8 @@ def verdict(outcome: CommissionOutcome) -> list[str]:
             f"{errors}. To be believed: {outcome.proof.best}."
         )
     driven = {name: record.cross_track_rms_m for name, record in outcome.flights if record.cross_track_rms_m}
-    for name, what in ((OLD, "With the first file"), (NEW, "With the new file")):
+    new = outcome.proof is None or outcome.proof.best != BEGINNING
+    for name, what in ((OLD, "With the first file"), (NEW, "With the new file" if new else "With the first file")):
         if name in driven:
             lines.append(
                 f"{what} the mission's cross-track error was {driven[name]:.3f} m rms, by the boat's estimate."

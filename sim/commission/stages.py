@@ -20,6 +20,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.site_file import Site
+from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.excitation.file import Excitation, Idle, Multisine, Segment, Zigzag
 from companion.core.excitation.signal import axis_reach, signals
@@ -115,10 +116,10 @@ def _signs(belief: BoatBelief, library: Excitation, flown: int, left_s: float) -
     vessel = belief.first
     # No way back under power: until signs are known, it might be the way out.
     segments = signs_segments(vessel, flown)
-    plan = replace(library, name=SIGNS.name, segments=segments, caution=CARE[1], homing=False)
+    plan = replace(library, name=SIGNS.name, segments=segments, caution=max(library.caution, CARE[1]), homing=False)
     seconds = sum(signal.duration_s for signal in signals(plan, vessel, name=SIGNS.name))
     if seconds > left_s:
-        return Proposal(None, why="no time left")
+        return Proposal(None, why=f"no time left: the next flight takes {seconds:.0f} s; give more --minutes")
     return Proposal(plan, minutes=seconds / 60, vessel=distrusted(vessel))
 
 
@@ -140,7 +141,10 @@ def _most_informative(
 ) -> Proposal:
     segments = tuple(scaled(s, belief) for s in library.segments if not stage.kinds or s.name in stage.kinds)
     shelf = replace(careful(library, belief), name=stage.name, segments=segments)
-    usable, _ = candidates(shelf, belief.vessel, site, say, belief.known.settings)
+    try:
+        usable, _ = candidates(shelf, belief.vessel, site, say, belief.known.settings)
+    except ConfigError as error:
+        return Proposal(None, why=" ".join(str(error).split("\n")))
     about = stage.indices(belief.known)
     chosen = choose(belief.known, usable, min(FLIGHT_S, left_s) / 1.4, about=about)
     if not chosen:
@@ -152,6 +156,13 @@ def _most_informative(
     return Proposal(replace(shelf, segments=tuple(c.segment for c in chosen)), nats, seconds / 60)
 
 
+def check_library(library: Excitation, *, name: str) -> None:
+    """Raises ConfigError where no manoeuvre is there that can prove a file."""
+    if not {s.name for s in library.segments} & set(PROOF):
+        proofs = " or ".join(f'"{proof}"' for proof in PROOF)
+        raise ConfigError(f"{name}: segments: none has the name {proofs}, with which the new file is proven")
+
+
 def _told(known: Knowledge, chosen: Sequence[CandidateManoeuvre], about: np.ndarray) -> tuple[float, float]:
     """Expected gain [nats] and duration [s] of manoeuvres one after the other."""
     after = known
@@ -161,8 +172,8 @@ def _told(known: Knowledge, chosen: Sequence[CandidateManoeuvre], about: np.ndar
 
 
 def careful(library: Excitation, belief: BoatBelief) -> Excitation:
-    """The library with the caution that the belief asks for."""
-    return replace(library, caution=belief.caution)
+    """The library with the caution that the belief asks for, and no less than it has itself."""
+    return replace(library, caution=max(library.caution, belief.caution))
 
 
 def scaled(segment: Segment, belief: BoatBelief) -> Segment:

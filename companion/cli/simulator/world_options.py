@@ -20,12 +20,13 @@ NOT_STATED = "left out: the vessel file's, or none"
 place_m = number(-FARTHEST_M, FARTHEST_M, "a place [m]")
 
 
-def add_world_arguments(p: argparse.ArgumentParser) -> None:
-    """What world to simulate; shared with `demo`."""
+def add_world_arguments(p: argparse.ArgumentParser, start: tuple[float, float, float] | None = START) -> None:
+    """What world to simulate; shared with `demo`. `start`: where the boat begins; None: in the middle of the water."""
     w = p.add_argument_group("world")
     w.add_argument("--seed", type=seed, default=1, metavar="N", help="of noise, biases, weather and mismatch")
-    begins = f"place [m] and heading (default: {' '.join(f'{value:g}' for value in START)})"
-    _each(w, "--start", START, ("N", "E", "DEG"), (place_m, place_m, angle_deg), begins)
+    where = " ".join(f"{value:g}" for value in start) if start else "the middle, heading north"
+    begins = f"place [m] and heading (default: {where})"
+    _each(w, "--start", start, ("N", "E", "DEG"), (place_m, place_m, angle_deg), begins)
     flow, air = number(0.0, CURRENT_M_S, "a current [m/s]"), number(0.0, WIND_M_S, "a wind [m/s]")
     _each(w, "--current", None, ("M/S", "DEG"), (flow, angle_deg), f"towards; {NOT_STATED}")
     _each(w, "--wind", None, ("M/S", "DEG"), (air, angle_deg), f"from; {NOT_STATED}")
@@ -40,6 +41,14 @@ def add_world_arguments(p: argparse.ArgumentParser) -> None:
 
 def _each(group: Any, name: str, default: tuple | None, metavar: tuple, kinds: tuple, text: str) -> None:
     group.add_argument(name, action=Each, kinds=kinds, default=default, metavar=metavar, help=text)
+
+
+def given_of_world(args: argparse.Namespace) -> list[str]:
+    """Options of the world that are not as they are where nothing is given."""
+    p = argparse.ArgumentParser()
+    add_world_arguments(p)
+    names = (name for name, value in vars(p.parse_args([])).items() if getattr(args, name) not in (value, None))
+    return [f"--{name}" for name in names]
 
 
 def world_arguments(args: argparse.Namespace) -> list[str]:

@@ -29,7 +29,8 @@ from sim.whole_file import write_whole
 VESSEL, LOGS, PROPOSED, PAGE = "vessel.toml", "logs", "proposed.toml", "history.html"
 FORMAT = 1
 T = TypeVar("T")
-MARK = "# Made anew by `aritra watch`; sha256 of all below this line: "
+MARK = "# Made anew by `{by}`; sha256 of all below this line: "
+WATCH = "aritra watch"
 
 
 class MissionEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -147,17 +148,17 @@ def file_sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
-def marked(text: str) -> str:
-    """A text that is made anew each time, with a mark by which a person's change to it is seen."""
-    return f"{MARK}{hashlib.sha256(text.encode()).hexdigest()}\n{text}"
+def marked(text: str, by: str = WATCH) -> str:
+    """A text that is made anew each time, with a mark by which a person's change to it is seen. `by`: which command."""
+    return f"{MARK.format(by=by)}{hashlib.sha256(text.encode()).hexdigest()}\n{text}"
 
 
-def changed_by_hand(path: Path) -> bool:
+def changed_by_hand(path: Path, by: str = WATCH) -> bool:
     """Whether a marked file is there that is not as it was made."""
     if not path.exists():
         return False
     first, _, rest = path.read_text(encoding="utf-8", errors="replace").partition("\n")
-    return first != MARK + hashlib.sha256(rest.encode()).hexdigest()
+    return first != MARK.format(by=by) + hashlib.sha256(rest.encode()).hexdigest()
 
 
 def _vessel(path: Path) -> VesselFile:

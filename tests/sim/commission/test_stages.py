@@ -5,9 +5,10 @@ import pytest
 from msgspec.structs import replace
 
 from companion.boat.load_run import EXAMPLES, load_setup
+from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import Multisine, Pulses, Steps, excitation_toml, load_excitation
 from sim.commission.belief import CARE, BoatBelief
-from sim.commission.stages import PROVEN, PULSE_S, SIGNS, STAGES, propose, scaled
+from sim.commission.stages import PROVEN, PULSE_S, SIGNS, STAGES, check_library, propose, scaled
 from sim.fitting.excite.information import Knowledge
 from sim.fitting.wiring.record import WiringFinding, WiringReport
 
@@ -86,6 +87,24 @@ def test_caution_falls_from_the_worst_plausible_boat_to_that_of_a_measured_one()
     cautions = [certain(sigma).caution for sigma in (1.0, 0.3, 0.1, 0.01)]
     assert cautions[0] == CARE[1] and cautions[-1] == CARE[0]
     assert cautions == sorted(cautions, reverse=True)
+
+
+def test_a_library_of_more_caution_than_the_belief_asks_for_keeps_it():
+    careful = replace(LIBRARY, caution=4.0)
+    plans = [propose(stage, FIRST, careful, SETUP.site, 600.0, 0).plan for stage in (SIGNS, PROVEN)]
+    assert [plan and plan.caution for plan in plans] == [4.0, 4.0]
+
+
+def test_a_library_of_which_a_stage_can_fly_nothing_ends_the_stage_and_says_why():
+    only = replace(LIBRARY, segments=(Steps(name="a touch", X=0.1, levels=(1.0,), hold_s=0.3),))
+    proposal = propose(HULL, certain(0.1), only, SETUP.site, 600.0, 0)
+    assert proposal.plan is None and "no segment can be flown" in proposal.why and "a touch" in proposal.why
+
+
+def test_a_library_that_cannot_prove_a_file_is_refused_by_name():
+    check_library(LIBRARY, name="mine.toml")
+    with pytest.raises(ConfigError, match=r'mine\.toml: segments: none has the name "zig-zag" or "multisine"'):
+        check_library(replace(LIBRARY, segments=()), name="mine.toml")
 
 
 def test_levels_grow_with_what_is_known():

@@ -6,12 +6,13 @@ import signal
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import psutil
 import pytest
 
 from companion.boat.load_run import EXAMPLES, load_setup
-from companion.cli.commission import fly_on
+from companion.cli.commission import COMMISSIONED, fly_on, write
 from companion.cli.interrupts import ended_as_by_ctrl_c
 from companion.cli.options.setup import setup_instead
 from companion.core.configuration.tables import ConfigError
@@ -82,7 +83,7 @@ def test_a_folder_with_other_things_is_refused_and_left_alone(tmp_path, capsys):
 
 
 def test_too_few_minutes_for_proof_and_missions_are_refused(tmp_path, capsys):
-    assert "--minutes: '3': expected minutes, 8 to 240" in refused(capsys, "--minutes", 3, "--out", tmp_path / "c")
+    assert "--minutes: '3': expected minutes, 9 to 240" in refused(capsys, "--minutes", 3, "--out", tmp_path / "c")
 
 
 def test_flights_find_the_keys_that_the_run_file_names(tmp_path, monkeypatch):
@@ -103,6 +104,51 @@ def test_flights_find_the_keys_that_the_run_file_names(tmp_path, monkeypatch):
     flown = load_setup(out / "run.toml").run
     assert flown.mavlink.signing_key == str(mine / "keys/boat.key")
     assert flown.telemetry and flown.telemetry.command_key == str(mine / "command.key")
+
+
+def test_a_library_without_a_manoeuvre_that_proves_a_file_is_refused_before_anything_is_flown(tmp_path, capsys):
+    pulses = EXAMPLES / "excitations" / "pulses.toml"
+    told = refused(capsys, "--library", pulses, "--simulate", BOATS / "aritra.toml", "--out", tmp_path / "c")
+    assert 'pulses.toml: segments: none has the name "zig-zag" or "multisine"' in told
+    assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("--current", "0.2", "30"), "--current: only with --simulate"),
+        (("--seed", "3"), "--seed: only with --simulate"),
+        (("--mavlink", "/dev/ttyACM0"), "--mavlink: port '/dev/ttyACM0': expected one of"),
+        (("--simulate", BOATS / "aritra.toml", "--uwb", "serial:/dev/ttyUSB0"), "not with --simulate"),
+    ],
+)
+def test_words_that_would_be_without_effect_are_refused(words, why, tmp_path, capsys):
+    assert why in refused(capsys, *words, "--out", tmp_path / "c") and not (tmp_path / "c").exists()
+
+
+def outcome(reached: bool, signs_known: bool = True) -> SimpleNamespace:
+    vessel = load_setup(EXAMPLES / "aritra.toml").pilot.vessel
+    return SimpleNamespace(belief=SimpleNamespace(fit="a fit", signs_known=signs_known), reached=reached, vessel=vessel)
+
+
+def test_a_vessel_file_is_not_written_over_what_a_person_changed_nor_over_a_proven_one(tmp_path, monkeypatch):
+    monkeypatch.setattr("sim.commission.report.report", lambda *_all: "page")
+    path = tmp_path / COMMISSIONED
+    assert COMMISSIONED not in write(outcome(False, signs_known=False), tmp_path, None, None) and not path.exists()
+    assert write(outcome(False), tmp_path, None, None)[COMMISSIONED].endswith("drive with, NOT PROVEN")
+    assert write(outcome(True), tmp_path, None, None)[COMMISSIONED].endswith("drive with, proven")
+    proven = path.read_text()
+    assert "left as it is" in write(outcome(False), tmp_path, None, None)[COMMISSIONED] and path.read_text() == proven
+    path.write_text(proven + "# mass weighed by me\n")
+    assert "changed by hand" in write(outcome(True), tmp_path, None, None)[COMMISSIONED]
+    assert path.read_text().endswith("# mass weighed by me\n")
+
+
+def test_time_to_let_go_of_the_boat_comes_before_its_thrusters_may_turn(tmp_path, monkeypatch):
+    order = list[str]()
+    monkeypatch.setattr(boats, "dependent_aritra", lambda *_words: order.append("run") or python("-c", ""))
+    RealBoat(warn=lambda: order.append("warned")).fly({}, tmp_path, lambda _text: None)
+    assert order[-1] == "warned" or order == ["run", "warned"]
 
 
 @pytest.mark.parametrize(("terminal", "answer", "goes_on"), [(False, "y", False), (True, "y", True), (True, "", False)])

@@ -16,7 +16,8 @@ import polars as pl
 
 from companion.core.constants import NEUTRAL_US
 from companion.logs.readers.join import Stream, join
-from companion.logs.readers.table import csv_lines, numbers, text_columns
+from companion.logs.readers.table import numbers
+from companion.logs.readers.text_table import text_table
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 
 THRUSTERS = ("port_surge", "port_sway", "starboard_surge", "starboard_sway", "bow")
@@ -34,18 +35,18 @@ def is_cse1(header: str) -> bool:
 
 def read_cse1(path: Path) -> Run:
     """Run of one recording. Raises RunError naming file, line and column, OSError."""
-    texts = text_columns(csv_lines(path), 0, str(path))
-    if missing := [name for name in _NEEDED if name not in texts.columns]:
-        raise RunError(f"{path}: line 1: column {', '.join(missing)}: missing")
-    table = numbers(texts, str(path), 2)
+    texts = text_table(path)
+    if missing := [name for name in _NEEDED if name not in texts.table.columns]:
+        raise RunError(f"{path}: line {texts.header}: column {', '.join(missing)}: missing")
+    table, notes = numbers(texts.table, str(path), texts.place)
     blank = table.select(pl.any_horizontal(pl.col(_NEEDED).is_null())).to_series()
     if blank.any():
-        raise RunError(f"{path}: line {int(blank.arg_true()[0]) + 2}: a field is blank")
+        raise RunError(f"{path}: {texts.place(int(blank.arg_true()[0]))}: a field is blank, or no number")
     data = {name: table[name].to_numpy() for name in table.columns}
     beyond = np.abs(np.column_stack([data[f"u{i}"] for i in range(1, 6)])).max(axis=1) > BEYOND
     if beyond.any():
         raise RunError(
-            f"{path}: line {int(beyond.argmax()) + 2}: u1..u5: expected -1 to 1, or up to {BEYOND} beyond by rounding"
+            f"{path}: {texts.place(int(beyond.argmax()))}: u1..u5: expected -1 to 1, or up to {BEYOND} by rounding"
         )
     t_ns = np.rint(data["t"] * 1e9).astype(np.int64)
     tracked = data["tracking_lost"] == 0
@@ -78,7 +79,7 @@ def read_cse1(path: Path) -> Run:
     ]
     if "vsp_speed" in data:
         streams.append(Stream("settings", t_ns, {"setting_vsp_speed": data["vsp_speed"]}, held=True))
-    return join(streams, meta).with_notes(_capsized(data["t"], tracked & ~upright))
+    return join(streams, meta).with_notes([*texts.notes, *notes, *_capsized(data["t"], tracked & ~upright)])
 
 
 def _capsized(t_s: np.ndarray, wrong: np.ndarray) -> list[LogProblem]:

@@ -10,7 +10,8 @@ from companion.core.configuration.site_file import Site
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.readers.aritra import read_mcap
 from companion.logs.readers.cse1 import is_cse1, read_cse1
-from companion.logs.readers.table import csv_lines, read_csv, read_parquet
+from companion.logs.readers.table import read_csv, read_parquet
+from companion.logs.readers.text_table import csv_lines
 from companion.logs.readers.uwb import read_uwb
 from companion.logs.runs.run import Run, RunError
 

@@ -2,15 +2,15 @@
 
 CSV: lines `# key = JSON` with the metadata, a header, then numbers in shortest round-trip form; blank: unknown.
 Parquet: the same metadata as JSON under `aritra_run`. Both hold a hash of the data; a run whose data has been edited
-since gets a note. A CSV without metadata lines is valid too. `.gz` is unpacked.
+since gets a note. A CSV without metadata lines is valid too. `.gz` is unpacked. A few bad rows, or values that are no
+numbers, are left out or left blank, with a note.
 """
 
 from __future__ import annotations
 
 import gzip
-import io
-import zlib
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +18,28 @@ import msgspec
 import numpy as np
 import polars as pl
 
-from companion.core.configuration.file_kinds import UTF16_MARKS
+from companion.logs.readers.text_table import metadata_in, text_table
 from companion.logs.runs.columns import column_error
-from companion.logs.runs.outliers import blanked_where, without_outliers
+from companion.logs.runs.outliers import (
+    blanked_where,
+    is_few,
+    sound_rows,
+    without_halves,
+    without_outliers,
+    wrapped_headings,
+)
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta, check
-from companion.logs.unpack import most_bytes
 
 FORMAT = 1
 MOST_CELLS = 250_000_000
 """Numbers in a Parquet file, which may take no room there: 2 GB in memory, a day at 50 Hz; assumed."""
 _PARQUET_KEY = "aritra_run"
+_BLANK_WORDS = ("na", "n/a", "none", "null", "-")
+"""What other programs write for a value that is not known, in small letters."""
+_DATE = re.compile(r"\d{4}-\d\d?-\d\d?.*|\d\d?[./]\d\d?[./]\d{2,4}.*|\d\d?:\d\d.*")
+_DATES = (
+    ": seconds are needed, counted from any instant: in Python, datetime.fromisoformat(text).timestamp() of an ISO date"
+)
 
 
 def write_run(run: Run, path: Path) -> None:
@@ -61,94 +73,57 @@ def read_parquet(path: Path) -> Run:
         raise RunError(f"{path}: metadata {_PARQUET_KEY}: {error}") from None
     if wrong := column_error(table.columns):
         raise RunError(f"{path}: {wrong}")
-    return _run(table, metadata, str(path), lambda row: f"row {row}")
+    return _run(table, metadata, str(path), lambda row: f"row {row}", [])
 
 
 def read_csv(path: Path) -> Run:
     """Run of a CSV file. Raises RunError naming file, line and column, OSError."""
-    lines = csv_lines(path)
-    metadata: dict[str, Any] = {}
-    first = 0
-    while first < len(lines) and lines[first].startswith(b"#"):
-        key, equals, value = lines[first][1:].decode(errors="replace").partition("=")
-        name = key.strip()
-        if name in metadata:
-            raise RunError(f"{path}: line {first + 1}: {name}: is there twice")
-        if equals:
-            metadata[name] = _json(value, f"{path}: line {first + 1}: {name}")
-        first += 1
-    texts = text_columns(lines, first, str(path))
-    if wrong := column_error(texts.columns):
-        raise RunError(f"{path}: line {first + 1}: {wrong}")
-    table = numbers(texts, str(path), first + 2)
-    return _run(table, metadata, str(path), lambda row: f"line {row + first + 2}")
+    text = text_table(path)
+    metadata, notes = metadata_in(text)
+    if wrong := column_error(text.table.columns):
+        raise RunError(f"{path}: line {text.header}: {wrong}")
+    return _run(text.table, metadata, str(path), text.place, [*text.notes, *notes])
 
 
-def csv_lines(path: Path) -> list[bytes]:
-    """Lines of a text file, unpacked where its name ends in .gz, without line ends and blank lines at the end."""
-    if path.suffix.lower() == ".gz":
-        most = most_bytes(path.stat().st_size)
-        try:
-            with gzip.open(path) as file:
-                data = file.read(most + 1)
-        except (OSError, EOFError, zlib.error) as error:
-            raise RunError(f"{path}: cannot be unpacked: {error}") from None
-        if len(data) > most:
-            raise RunError(f"{path}: unpacks to more than {most / 1e6:.4g} MB, 100 times its size: unpack it yourself")
-    else:
-        data = path.read_bytes()
-    if data.startswith(UTF16_MARKS):
-        raise RunError(f"{path}: is UTF-16 text: save it as UTF-8, which spreadsheets call CSV UTF-8")
-    lines = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").rstrip(b"\n").split(b"\n")
-    return lines
+def numbers(table: pl.DataFrame, name: str, place: Callable[[int], str]) -> tuple[pl.DataFrame, list[LogProblem]]:
+    """`table` with its texts, and columns that are blank throughout, as numbers; and notes.
+
+    A few texts that are no numbers become blank, with the other of a pair. RunError names place and column of the first
+    of many.
+    """
+    texts = [column for column in table.columns if table[column].dtype == pl.String]
+    empty = [column for column in table.columns if table[column].dtype == pl.Null]
+    out, wrong, blanks = table.with_columns(pl.col(empty).cast(pl.Float64)), {}, []
+    for column in texts:
+        text = table[column].str.strip_chars().replace("", None)
+        values, blank, bad = _parsed(text)
+        blanks += [(int(row), column, int(blank.sum())) for row in np.flatnonzero(blank)[:1]]
+        if bad.any():
+            row, count = int(bad.argmax()), int(bad.sum())
+            what = f"{place(row)}: {column}: {text[row]!r} is not a number"
+            if not is_few(count, len(text) - text.null_count() - int(blank.sum())):
+                raise RunError(f"{name}: {what}" + (_DATES if column == "t_s" and _DATE.fullmatch(text[row]) else ""))
+            wrong[column] = bad, f"{what}; {count} such values, left blank"
+        out = out.with_columns(values.alias(column))
+    notes = []
+    if blanks:
+        row, column, _ = min(blanks, key=lambda blank: blank[0])
+        count = sum(count for *_, count in blanks)
+        what = f"{place(row)}: {column}: {table[column][row]!r} is read as blank; {count} such fields"
+        notes.append(LogProblem(kind="read as", text=what))
+    wrong.pop("t_s", None)  # its row is left out, which has a note of its own
+    for column, (bad, what) in wrong.items():
+        notes.append(LogProblem(kind="not a number", text=what))
+        out = blanked_where(out, column, bad)
+    return out, notes
 
 
-def text_columns(lines: list[bytes], header: int, name: str) -> pl.DataFrame:
-    """Fields, as text, of the table whose header is line `header` (0-based). RunError for a line of another length."""
-    if header >= len(lines) or not lines[header].strip():
-        raise RunError(f"{name}: line {header + 1}: no header")
-    for mark, what in ((b";", "semicolons"), (b"\t", "tabs")):
-        if mark in lines[header] and b"," not in lines[header]:
-            raise RunError(
-                f"{name}: line {header + 1}: {what} between the columns; expected commas, and decimal points"
-            )
-    columns = [c.strip().strip('"') for c in lines[header].decode(errors="replace").split(",")]
-    commas = len(columns) - 1
-    for number, line in enumerate(lines[header + 1 :], header + 2):
-        if line.count(b",") != commas:
-            raise RunError(f"{name}: line {number}: {line.count(b',') + 1} fields; the header has {commas + 1}")
-        if not _is_text(line):
-            raise RunError(f"{name}: line {number}: is not UTF-8 text")
-    duplicate = column_error(columns) or ""
-    if duplicate.endswith("is there twice"):
-        raise RunError(f"{name}: line {header + 1}: {duplicate}")
-    if len(lines) == header + 1:
-        return pl.DataFrame({column: [] for column in columns}, schema=dict.fromkeys(columns, pl.String))
-    body = io.BytesIO(b"\n".join(lines[header + 1 :]) + b"\n")
-    table = pl.read_csv(body, has_header=False, new_columns=columns, infer_schema=False, quote_char=None)
-    return table
-
-
-def _is_text(line: bytes) -> bool:
-    try:
-        line.decode()
-    except UnicodeDecodeError:
-        return False
-    return True
-
-
-def numbers(texts: pl.DataFrame, name: str, first_line: int) -> pl.DataFrame:
-    """Texts as numbers; blank becomes null. RunError names line and column of a text that is no number."""
-    columns = {}
-    for column in texts.columns:
-        text = texts[column].str.strip_chars().replace("", None)
-        values = text.cast(pl.Float64, strict=False)
-        wrong = (values.is_null() & text.is_not_null()).to_numpy()
-        if wrong.any():
-            row = int(wrong.argmax())
-            raise RunError(f"{name}: line {row + first_line}: {column}: {text[row]!r} is not a number")
-        columns[column] = values
-    return pl.DataFrame(columns)
+def _parsed(text: pl.Series) -> tuple[pl.Series, np.ndarray, np.ndarray]:
+    """Texts as numbers, and masks (rows,): which are words for a blank, and which are no numbers."""
+    values = text.cast(pl.Float64, strict=False)
+    odd = (values.is_null() & text.is_not_null()).to_numpy()
+    blank = odd & text.str.to_lowercase().is_in(_BLANK_WORDS).fill_null(value=False).to_numpy()
+    return values, blank, odd & ~blank
 
 
 def blanked(table: pl.DataFrame) -> tuple[pl.DataFrame, list[LogProblem]]:
@@ -164,8 +139,15 @@ def blanked(table: pl.DataFrame) -> tuple[pl.DataFrame, list[LogProblem]]:
     return table, notes
 
 
-def _run(table: pl.DataFrame, metadata: Mapping[str, Any], name: str, place: Any) -> Run:
+def _run(
+    table: pl.DataFrame,
+    metadata: Mapping[str, Any],
+    name: str,
+    place: Callable[[int], str],
+    notes: list[LogProblem],
+) -> Run:
     """The run of a table and its metadata as read; RunError for another format version or unknown metadata."""
+    # 1. Metadata.
     fields = dict(metadata)
     stated, version = fields.pop("data_hash", None), fields.pop("aritra_run", FORMAT)
     if version != FORMAT:
@@ -174,21 +156,30 @@ def _run(table: pl.DataFrame, metadata: Mapping[str, Any], name: str, place: Any
         meta = msgspec.convert(fields, RunMeta)
     except msgspec.ValidationError as error:
         raise RunError(f"{name}: metadata: {error}") from None
+    # 2. Numbers, in rows whose times increase.
+    table, found = numbers(table, name, place)
+    notes = [*notes, *found]
     for column, dtype in table.schema.items():
         if not dtype.is_numeric():
-            raise RunError(f"{name}: column {column}: expected numbers, found {dtype}")
-    table, notes = blanked(table)
-    table, slips = without_outliers(table)
-    notes += slips
-    check(table, name, place)
+            remedy = _DATES if column == "t_s" and dtype.is_temporal() else ""
+            raise RunError(f"{name}: column {column}: expected numbers, found {dtype}{remedy}")
+    keep, found = sound_rows(table["t_s"].to_numpy(), place)
+    notes += found
+    rows, table = np.flatnonzero(keep), table.filter(pl.Series(keep))
+
+    def kept_place(row: int) -> str:
+        return place(int(rows[row]))
+
+    # 3. Values that can be none of their column.
+    table, found = blanked(table)
+    notes += found
+    for clean in (wrapped_headings, without_outliers):
+        table, found = clean(table)
+        notes += found
+    table, found = without_halves(table, kept_place)
+    notes += found
+    check(table, name, kept_place)
     run = Run(table, meta if "source" in fields else msgspec.structs.replace(meta, source=name))
     if stated not in (None, run.data_hash):
         notes.append(LogProblem(kind="edited", text=f"{name}: the data is not what was written with its hash"))
     return run.with_notes(notes) if notes else run
-
-
-def _json(text: str, where: str) -> Any:
-    try:
-        return msgspec.json.decode(text.strip())
-    except msgspec.DecodeError as error:
-        raise RunError(f"{where}: {error}") from None

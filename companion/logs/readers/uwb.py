@@ -19,7 +19,7 @@ from companion.core.messages import Message, UwbPosition, UwbRanges
 from companion.logs.log_file import LogFile
 from companion.logs.readers.join import Stream
 from companion.logs.readers.positions import cycle_fixes
-from companion.logs.readers.table import csv_lines
+from companion.logs.readers.text_table import csv_lines
 from companion.logs.runs.run import LogProblem, RunError
 from drivers.uwb import uwb_codec
 

@@ -18,16 +18,18 @@ HELD = ("pwm_", "battery_v", "setting_")
 """Beginnings of the names of held columns."""
 INERTIAL = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2", "phi_rad", "theta_rad")
 """What an autopilot tells of its inertial sensors, many times a second."""
+_GLOBAL = re.compile(r"(gps_?|gnss_?)?(lat|lon|lng|long|latitude|longitude)(_?(deg|degrees|e7))?", re.IGNORECASE)
 _FAMILIES = re.compile(r"pwm_\w+|setting_\w+|range_\w+_m|true_f_\w+_n|extra_\w+")
 
-_ANGLE = math.pi + 1e-6
+MOST_ANGLE_RAD = math.pi + 1e-6
+"""Largest angle [rad]; the millionth is rounding of single-precision numbers."""
 LIMITS: tuple[tuple[re.Pattern[str], tuple[float, float, str]], ...] = tuple(
     (re.compile(pattern), limits)
     for pattern, limits in (
         (r"pwm_\w+", (800.0, 2200.0, "pulse width [us], 1500 neutral")),
         (r"battery_v", (0.0, 100.0, "[V]")),
         (r"setting_\w+", (0.0, 1e6, "a setting of the boat, 0 is off")),
-        (r"(true_)?psi_rad|phi_rad|theta_rad", (-_ANGLE, _ANGLE, "radians, wrapped to -pi..pi")),
+        (r"(true_)?psi_rad|phi_rad|theta_rad", (-MOST_ANGLE_RAD, MOST_ANGLE_RAD, "radians, wrapped to -pi..pi")),
         (r"(true_)?r_rad_s", (-35.0, 35.0, "[rad/s]; a gyroscope of 2000 deg/s ends there")),
         (r"a[xy]_m_s2", (-160.0, 160.0, "[m/s^2]; an accelerometer of 16 g ends there")),
         (r"(true_)?(north|east)_m", (-1e5, 1e5, "[m] from the site's origin")),
@@ -50,6 +52,12 @@ def column_error(columns: Sequence[str]) -> str | None:
     if not any(name.startswith("pwm_") for name in columns):
         missing.append("pwm_<thruster>")
     if missing:
+        places = [name for name in unknown if _GLOBAL.fullmatch(name)]
+        if places and {"north_m", "east_m"} & set(missing):
+            return (
+                f"column {', '.join(missing)}: missing; {', '.join(places)}: metres north and east of an origin are"
+                " needed (an autopilot's .bin is read as it is, with its GPS)"
+            )
         like = difflib.get_close_matches(missing[0], unknown, 1, 0.6)
         hint = f"; is it {like[0]!r}?" if like else ""
         return f"column {', '.join(missing)}: missing{hint} (a column may be blank, but must be there)"
@@ -58,3 +66,18 @@ def column_error(columns: Sequence[str]) -> str | None:
         hint = f"is it {like[0]}?" if like else "columns beyond the form begin with extra_"
         return f"column {unknown[0]!r}: unknown; {hint}"
     return None
+
+
+def other_unit(name: str, least: float, largest: float) -> str:
+    """What a column's unit looks like where its values, `least` to `largest`, are beyond its limits, and the remedy.
+
+    Empty where they look like none that is known.
+    """
+    beyond = max(abs(least), abs(largest))
+    if re.fullmatch(r"(true_)?psi_rad|phi_rad|theta_rad", name) and 2 * MOST_ANGLE_RAD < beyond <= 360.0:
+        return "; is it in degrees? Write radians: degrees * pi / 180"
+    if name.startswith("pwm_") and beyond <= 1.01:
+        return "; is it a share of full thrust? Write pulses in us: 1500 + 400 x"
+    if name.startswith("pwm_") and beyond <= 101.0:
+        return "; is it in percent? Write pulses in us: 1500 + 400 x, where x = percent / 100"
+    return ""

@@ -21,7 +21,7 @@ import numpy as np
 import polars as pl
 
 from companion.core.configuration.imu_filters import FilteredColumn
-from companion.logs.runs.columns import HELD, LIMITS, column_error
+from companion.logs.runs.columns import HELD, LIMITS, column_error, other_unit
 
 PAIRS = (("north_m", "east_m"), ("V_w_m_s", "beta_w_deg"), ("true_north_m", "true_east_m"))
 
@@ -192,4 +192,7 @@ def _check_limits(column: pl.Series, name: str, place: Callable[[int], str]) -> 
     if outside.any():
         row = int(outside.argmax())
         expected = f"expected {low:g} to {high:g}" + (f": {hint}" if hint else "")
+        finite = values[np.isfinite(values)]
+        if len(finite):
+            expected += other_unit(column.name, float(finite.min()), float(finite.max()))
         raise RunError(f"{name}: {place(row)}: {column.name}: {values[row]:g}; {expected}")

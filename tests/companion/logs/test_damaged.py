@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from companion.core.messages import Tick
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.readers import table
-from companion.logs.readers.table import csv_lines, read_parquet, write_run
+from companion.logs.readers.table import read_parquet, write_run
+from companion.logs.readers.text_table import csv_lines
 from companion.logs.recover import recover
 from companion.logs.runs.run import RunError
 from companion.logs.unpack import MOST_CHUNK_BYTES, MOST_RATIO

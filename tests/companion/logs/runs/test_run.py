@@ -66,6 +66,31 @@ def test_an_unknown_column_is_refused_and_extra_ones_are_kept():
         Run(table.with_columns(battery_v=pl.lit("full")))
 
 
+@pytest.mark.parametrize(
+    ("column", "written", "message"),
+    [
+        ("psi_rad", pl.col("psi_rad").degrees(), "psi_rad: .* is it in degrees.*degrees . pi / 180"),
+        ("psi_rad", pl.col("psi_rad").degrees() % 360, "psi_rad: .* is it in degrees.*degrees . pi / 180"),
+        ("pwm_left", (pl.col("pwm_left") - 1500) / 400, r"pwm_left: .* is it a share .* pulses in us: 1500 \+ 400 x"),
+        ("pwm_left", (pl.col("pwm_left") - 1500) / 4, r"pwm_left: .* percent.* pulses in us: 1500 \+ 400 x"),
+        ("pwm_left", (pl.col("pwm_left") - 1300) / 4, r"pwm_left: .* percent.* pulses in us: 1500 \+ 400 x"),
+    ],
+)
+def test_another_unit_is_refused_with_the_remedy(column, written, message):
+    with pytest.raises(RunError, match=message):
+        Run(clean_run(10.0).table.with_columns(written.alias(column)))
+
+
+@pytest.mark.parametrize("names", [("lat", "lon"), ("latitude", "longitude"), ("gps_lat_deg", "gps_lng_deg")])
+def test_latitudes_in_the_place_of_positions_are_named_with_what_is_needed(names):
+    table = clean_run(2.0).table.rename(dict(zip(("north_m", "east_m"), names, strict=True)))
+    message = (
+        rf"column north_m, east_m: missing; {', '.join(names)}: metres north and east of an origin .*\.bin is read"
+    )
+    with pytest.raises(RunError, match=message):
+        Run(table)
+
+
 def test_samples_stand_only_in_their_own_rows():
     run = clean_run(10.0)
     t_s, places = run.samples("north_m", "east_m")

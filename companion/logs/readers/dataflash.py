@@ -63,7 +63,7 @@ def read_dataflash_run(
     if not any(outputs.values()):
         raise RunError(f"{path}: no servo outputs (RCOU) in it")
     parameters = {name: value for _, name, value in rows["PARM"]}
-    commands, which = output_stream(outputs, vessel, parameters, notes)
+    commands, which = output_stream(outputs, vessel, parameters, notes, path)
     streams = [
         commands,
         imu_stream(rows["IMU"]),

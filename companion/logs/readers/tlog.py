@@ -65,7 +65,7 @@ def read_tlog(path: Path, vessel: VesselFile | None, site: Site | None, uwb: Joi
     source = next((name for name in IMU_PREFERENCE if any(_decoded(name, rows, ImuSample))), "IMU")
     voltages = [(m.t_ns, m.voltage_v) for m in _decoded("SYS_STATUS", rows, Battery)]
     parameters = {m.param_id: m.param_value for *_, m in rows["PARAM_VALUE"]}
-    commands, which = output_stream(outputs, vessel, parameters, notes)
+    commands, which = output_stream(outputs, vessel, parameters, notes, path)
     streams = [
         commands,
         imu_stream([imu_row(m) for m in _decoded(source, rows, ImuSample)]),

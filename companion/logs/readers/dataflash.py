@@ -8,6 +8,7 @@ Source: https://ardupilot.org/rover/docs/logmessages.html
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from math import radians
@@ -25,7 +26,7 @@ from companion.core.geometry.frames import unrotate
 from companion.core.sensors.gnss import FIX_3D
 from companion.logs.readers.aritra import attitude_stream, imu_stream, meta_fields
 from companion.logs.readers.dataflash_records import MAGIC, whole_records
-from companion.logs.readers.gps import good_fixes, gps_known, gps_stream
+from companion.logs.readers.gps import Fix, good_fixes, gps_known, gps_stream
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.outputs import output_stream
 from companion.logs.readers.uwb import UwbLog
@@ -63,7 +64,7 @@ def read_dataflash_run(
     if not any(outputs.values()):
         raise RunError(f"{path}: no servo outputs (RCOU) in it")
     parameters = {name: value for _, name, value in rows["PARM"]}
-    commands, which = output_stream(outputs, vessel, parameters, notes)
+    commands, which = output_stream(outputs, vessel, parameters, notes, path)
     streams = [
         commands,
         imu_stream(rows["IMU"]),
@@ -82,8 +83,8 @@ def read_dataflash_run(
         streams.append(_beacon(rows["BCN"], site))
         columns["north_m"] = columns["east_m"] = "BCN: the autopilot's beacon position, from the beacons' origin"
         known["latency_s"] = None
-    elif fixes := good_fixes(rows["GPS"], vessel, notes):
-        stream, origin_text = gps_stream(fixes, site)
+    elif fixes := good_fixes(_receivers(rows["GPS"]), vessel, notes):
+        stream, origin_text = gps_stream(fixes, site, notes)
         streams.append(stream)
         columns["north_m"] = columns["east_m"] = f"GPS antenna, {origin_text}"
         known |= gps_known(vessel)
@@ -125,6 +126,14 @@ def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple
     return rows, median_low(known) if known else None
 
 
+def _receivers(rows: list[tuple[Any, ...]]) -> dict[int, list[Fix]]:
+    """Fixes by number of the receiver (from 0)."""
+    receivers: dict[int, list[Fix]] = defaultdict(list)
+    for *fix, number in rows:
+        receivers[number].append((fix[0], fix[1], fix[2], fix[3]))
+    return receivers
+
+
 def _beacon(rows: list[tuple[float, ...]], site: Site | None) -> Stream:
     """Stream of rows as of `_bcn`, its true north and east turned into the site's axes, as headings are."""
     stream = Stream.of("beacon", ("north_m", "east_m", *(f"range_{i}_m" for i in range(4))), rows)
@@ -147,5 +156,5 @@ _DECODE: dict[str, Callable[[Any], tuple[Any, ...] | None]] = {
     "BAT": lambda m: (m.Volt,) if getattr(m, "Instance", getattr(m, "Inst", 0)) == 0 else None,
     "BCN": _bcn,
     "PARM": lambda m: (m.Name, m.Value),
-    "GPS": lambda m: (m.Lat, m.Lng, m.Status) if getattr(m, "I", 0) == 0 else None,
+    "GPS": lambda m: (m.Lat, m.Lng, m.Status, getattr(m, "I", 0)),
 }

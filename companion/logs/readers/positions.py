@@ -10,15 +10,20 @@ three ranges agree with its best fix.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from statistics import median_low
 
 import numpy as np
 
 from companion.core.configuration.site_file import Site
 from companion.core.estimation.ranging.multilateration import multilaterate
-from companion.core.geometry.frames import Origin, site_from_geodetic
+from companion.core.geometry.frames import Origin, earth_radii, site_from_geodetic
+from companion.logs.runs.origin import origin_words
 
 SPREAD_M = 0.5  # residual of a good range; assumed
 PLAIN_STEPS, STEPS = 8, 16
+NEAR_M, SPREADS = 2000.0, 5.0
+"""A fix further from the median of all than both, metres and medians of these distances, is no place of the boat;
+assumed. A wrong origin within 2 km makes distances east wrong by less than a thousandth, up to 70 degrees."""
 
 
 def cycle_fixes(ranges_m: Mapping[str, np.ndarray], site: Site, tag_down_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -65,13 +70,28 @@ def _together(places: np.ndarray, z: np.ndarray, tag_down_m: float) -> np.ndarra
 def geodetic_to_site(
     latitude_deg: np.ndarray, longitude_deg: np.ndarray, site: Site | None
 ) -> tuple[np.ndarray, np.ndarray, str]:
-    """North, east (n,) [m] in site axes, and a text that states their origin: the site's, or the first fix."""
+    """North, east (n,) [m] in site axes, and a text that states their origin: the site's, or the first fix of those
+    that lie `together`.
+    """
     if site is not None:
         origin = Origin(site.lat_deg, site.lon_deg, float(np.deg2rad(site.rotation_deg)))
         origin_text = f"origin of site {site.name}"
     else:
-        origin = Origin(float(latitude_deg[0]), float(longitude_deg[0]))
-        origin_text = f"origin at the first fix, {latitude_deg[0]:.7f} {longitude_deg[0]:.7f}, axes to true north"
+        first = int(together(latitude_deg, longitude_deg).argmax())
+        origin = Origin(float(latitude_deg[first]), float(longitude_deg[first]))
+        origin_text = origin_words(origin)
     places = [site_from_geodetic(origin, float(a), float(o)) for a, o in zip(latitude_deg, longitude_deg, strict=True)]
     north, east = np.array(places).reshape(-1, 2).T
     return north, east, origin_text
+
+
+def together(latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
+    """Mask (n,) of the fixes near their median, by how far they lie from it as a rule: `NEAR_M`, `SPREADS`."""
+    middle = Origin(float(median_low(latitude_deg.tolist())), float(median_low(longitude_deg.tolist())))
+    meridian, prime_vertical = earth_radii(np.radians(middle.latitude_deg))
+    turn_deg = (longitude_deg - middle.longitude_deg + 180.0) % 360.0 - 180.0
+    away_m = np.hypot(
+        meridian * np.radians(latitude_deg - middle.latitude_deg),
+        prime_vertical * np.cos(np.radians(middle.latitude_deg)) * np.radians(turn_deg),
+    )
+    return away_m <= max(NEAR_M, SPREADS * float(np.median(away_m)))

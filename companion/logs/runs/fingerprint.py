@@ -1,6 +1,8 @@
 """Whether two runs hold the same measurements: a log and a copy of a part of it, whatever its clock and its form.
 
-    mark          hash of `LENGTH` successive positions, in mm, of which none repeats the one before
+    mark          hash of `LENGTH` successive positions, of which none repeats the one before: in mm, or, where the run
+                  begins at a fix of its own, latitude and longitude in a receiver's digits (1e-7 deg, 11 mm), which are
+                  the same in all logs
     fingerprint   the `MOST` least marks of a run
 
 Marks below the largest of both fingerprints are a sample of either run, the same for the same positions (bottom-k
@@ -11,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from companion.logs.runs.origin import geodetic, stated_origin
 from companion.logs.runs.run import Run
 
 LENGTH, LEAST_DIFFERENT = 8, 5
@@ -25,7 +28,8 @@ FACTOR = np.uint64(0x9E3779B97F4A7C15)
 
 def fingerprint(run: Run) -> np.ndarray:
     """Marks (k,) of a run, ascending, `MOST` at most; none without `LENGTH` positions on the way."""
-    places = np.round(1000.0 * run.samples("north_m", "east_m")[1]).astype(np.int64)
+    places, origin = run.samples("north_m", "east_m")[1], stated_origin(run)
+    places = np.round(1e7 * geodetic(origin, places) if origin else 1000.0 * places).astype(np.int64)
     moved = np.append(True, (np.diff(places, axis=0) != 0).any(axis=1))[: len(places)]
     keys = _mixed(_mixed(places[moved, 0].view(np.uint64)) + places[moved, 1].view(np.uint64))
     if len(keys) < LENGTH:

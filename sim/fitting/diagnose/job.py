@@ -243,7 +243,7 @@ def _logs(runs: Sequence[Run]) -> list[NamedLog]:
 def _ambient(reference: Run, vessel: VesselFile, say: Progress) -> Noise:
     """Noise of sensors and ambient latent acceleration from the log of a sound boat."""
     say(STEPS[0], reference.meta.source, 0.0)
-    run = usable(NamedLog(reference.meta.source, reference), vessel).run
+    run = usable(NamedLog(reference.meta.source, reference), vessel, at_rest=True).run
     reject_swapped_columns(run)
     calm = split_at_pauses(run)
     everyday = [e for e in catalogue(vessel, calm) if e.always_free]

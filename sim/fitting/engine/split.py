@@ -16,14 +16,15 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import polars as pl
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
-from companion.core.constants import pack_range
-from companion.logs.runs.columns import INERTIAL
+from companion.core.constants import NEUTRAL_US
+from companion.logs.readers.gps import NO_FIX
+from companion.logs.runs.as_if_blank import without_absurd_voltages, without_dead_columns, without_held_readings
 from companion.logs.runs.fingerprint import fingerprint, overlap
-from companion.logs.runs.problems import dead_columns, held_rows, unit_fault
+from companion.logs.runs.origin import with_one_origin
+from companion.logs.runs.problems import IDLE_US, dead_columns, unit_fault
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 from companion.logs.runs.splits import HeldOut, Interval, alternate, length_s, parts, recording_intervals, tail
 from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, inside_edges
@@ -32,10 +33,10 @@ SHARE = 0.25
 LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
 """Assumed: a few of the hull's time constants to fit on; two open-loop runs of 10 s to be judged by."""
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
-DEAD_SENSOR, HELD_READINGS, OTHER_BOAT = "dead sensor", "held readings", "another boat"
-"""Kinds of problems: columns are left out that no sensor wrote, readings are used where they were new, logs
-state several boats.
-"""
+OTHER_BOAT, NOT_USED = "another boat", "not used"
+"""Kinds of problems: logs state several boats; what was measured is used by nothing."""
+UNCERTAIN = ("no pulse", "constant", "outputs by order", "filtered positions")
+"""Kinds of problems by which a log may not hold what was driven, or what a sensor measured; fits name them, too."""
 NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
 
 
@@ -95,6 +96,9 @@ def split(
         raise JobError("no log to fit")
     logs, held_out = [usable(log, vessel) for log in logs], [usable(log, vessel) for log in held_out]
     reject_overlap([*logs, *held_out])
+    runs = with_one_origin([log.run for log in (*logs, *held_out)])
+    named = [NamedLog(log.name, run) for log, run in zip((*logs, *held_out), runs, strict=True)]
+    logs, held_out = named[: len(logs)], named[len(logs) :]
     boats = {log.run.meta.vessel for log in (*logs, *held_out)} - {RunMeta().vessel}
     logs, held_out = [_of_boat(log, boats) for log in logs], [_of_boat(log, boats) for log in held_out]
     if held_out:
@@ -140,11 +144,11 @@ def reject_overlap(logs: Sequence[NamedLog]) -> None:
             )
 
 
-def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
+def usable(log: NamedLog, vessel: VesselFile, *, at_rest: bool = False) -> NamedLog:
     """The log under its own name, with its thrusters in the vessel file's order. Raises JobError.
 
-    Sensors that say one and the same throughout (an IMU that is not there, written as zeros), and voltages that no pack
-    has, are left blank, and noted.
+    `at_rest`: a log in which no thruster ever leaves neutral is one, too. Sensors that say one and the same throughout
+    (an IMU that is not there, written as zeros), and voltages that no pack has, are left blank, and noted.
     """
     run, names = Run(log.run.table, replace(log.run.meta, source=log.name)), tuple(t.name for t in vessel.thrusters)
     if set(run.thrusters) != set(names):
@@ -155,51 +159,37 @@ def usable(log: NamedLog, vessel: VesselFile) -> NamedLog:
     if fault := unit_fault(run):
         raise JobError(f"{log.name}: {fault}")
     dead = dead_columns(run)
-    if dead:
-        text = f"{', '.join(dead)}: the same value in every sample, which no sensor gives: left out, as if blank"
-        blank = run.table.with_columns(pl.lit(None, pl.Float64).alias(column) for column in dead)
-        run = Run(blank, run.meta).with_notes([LogProblem(kind=DEAD_SENSOR, text=text)])
-    run = _without_held_readings(_without_absurd_voltages(run, vessel))
+    run = without_absurd_voltages(without_dead_columns(run), vessel.propulsion.nominal_voltage_V)
+    run = without_held_readings(run)
     for column, what in (("psi_rad", "heading"), ("north_m", "position"), *((f"pwm_{n}", "commands") for n in names)):
         if not run.known(column):
-            hint = "; `aritra log export --uwb` joins a UWB log to a .bin or .tlog" if column == "north_m" else ""
+            hint = _why_no_position(run, vessel) if column == "north_m" and column not in dead else ""
             state = "the same value" if column in dead else "blank"
             raise JobError(f"{log.name}: {column}: {state} throughout; nothing can be identified without {what}{hint}")
+    if not at_rest and not _is_driven(run):
+        source = run.meta.columns.get("pwm", "not stated")
+        raise JobError(
+            f"{log.name}: no thruster ever leaves neutral: nothing can be learned of a boat that is not commanded. If "
+            f"it was, its thrusters are others than those that were read (source of the pulses: {source})"
+        )
+    if run.known("V_w_m_s"):
+        text = "V_w_m_s, beta_w_deg: measured wind is used by no fit; where one has wind, it estimates it"
+        run = run.with_notes([LogProblem(kind=NOT_USED, text=text)])
     others = [c for c in run.table.columns if not c.startswith("pwm_")]
     return NamedLog(log.name, Run(run.table.select(*(f"pwm_{n}" for n in names), *others), run.meta))
 
 
-def _without_absurd_voltages(run: Run, vessel: VesselFile) -> Run:
-    """`run` without voltages that the pack cannot have, as the boat's battery monitor takes them: 0 V for none."""
-    nominal_v = vessel.propulsion.nominal_voltage_V
-    least_v, most_v = pack_range(nominal_v)
-    seen = run.table["battery_v"]
-    absurd = ~seen.is_between(least_v, most_v)  # null stays null
-    count = int(absurd.sum())
-    if not count:
-        return run
-    text = (
-        f"battery_v: {count} of {seen.count()} samples (the first {seen.filter(absurd)[0]:g} V) are none of a pack of "
-        f"{nominal_v:g} V: left out, as if blank"
-    )
-    blank = pl.when(absurd).then(None).otherwise(seen).alias("battery_v")
-    return Run(run.table.with_columns(blank), run.meta).with_notes([LogProblem(kind=DEAD_SENSOR, text=text)])
+def _is_driven(run: Run) -> bool:
+    """Whether a thruster leaves the dead band of speed controllers about neutral, at some time."""
+    pwm_us = run.table.select(f"pwm_{name}" for name in run.thrusters).to_numpy()
+    return bool((np.abs(pwm_us - NEUTRAL_US) > IDLE_US).any())  # unknown (NaN) is not beyond it
 
 
-def _without_held_readings(run: Run) -> Run:
-    """`run` with each reading where it was new: those that are only written again are late by up to a period."""
-    sensors = (("north_m", "east_m"), *((name,) for name in INERTIAL if run.known(name)))
-    again = {names: rows for names in sensors if (rows := held_rows(run, *names)).any()}
-    if not again:
-        return run
-    shares = ", ".join(f"{', '.join(names)}: {100 * rows.mean():.0f} %" for names, rows in again.items())
-    text = f"{shares} of the rows repeat the reading before, held until the next: each is used where it was new"
-    blank = (
-        pl.when(pl.Series(rows)).then(None).otherwise(pl.col(name)).alias(name)
-        for names, rows in again.items()
-        for name in names
-    )
-    return Run(run.table.with_columns(blank), run.meta).with_notes([LogProblem(kind=HELD_READINGS, text=text)])
+def _why_no_position(run: Run, vessel: VesselFile) -> str:
+    """What the reader says of it, else what to do about a boat whose positions come from UWB."""
+    if said := [note.text for note in run.meta.notes if note.kind == NO_FIX]:
+        return f": {said[0]}"
+    return "" if vessel.sensors.gnss else "; `aritra log export --uwb` joins a UWB log to a .bin or .tlog"
 
 
 def split_at_pauses(run: Run) -> list[Run]:

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.logs.runs.as_if_blank import DEAD_SENSOR
 from companion.logs.runs.problems import BIASING, problem_sentences
 from companion.logs.runs.run import LogProblem
 from sim.fitting.engine.free_parameters import SURROUNDINGS
 from sim.fitting.engine.parameters import WARP
-from sim.fitting.engine.split import DEAD_SENSOR, OTHER_BOAT
+from sim.fitting.engine.split import OTHER_BOAT, UNCERTAIN
 from sim.fitting.identify.advice import advice
 from sim.fitting.identify.chosen_fit import ChosenFit
 from sim.fitting.identify.plausible import implausible
@@ -50,7 +51,7 @@ NEEDED = (
 """The data must determine one of each group: else the boat's speed or its response to thrust is the prior's."""
 NUISANCE = (*WARP, *(p.name for _, p in SURROUNDINGS))
 """Parameters that are no property of boat or sensors."""
-DOUBTFUL = (*BIASING, DEAD_SENSOR, OTHER_BOAT, NOT_JUDGED)
+DOUBTFUL = (*BIASING, *UNCERTAIN, DEAD_SENSOR, OTHER_BOAT, NOT_JUDGED)
 """Kinds of log problems that can bias a fit unnoticed, or by which it or its judgement lacks something."""
 
 

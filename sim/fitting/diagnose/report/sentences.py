@@ -6,15 +6,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from companion.logs.runs.as_if_blank import DEAD_SENSOR, HELD_READINGS
 from companion.logs.runs.problems import BIASING, problem_sentences
 from sim.fitting.diagnose.job import Diagnosis
 from sim.fitting.diagnose.selection.held_out import LEAST_BLOCKS, HeldOutScore, OpenLoopError
 from sim.fitting.diagnose.vessel_edits.public_form import sentence
-from sim.fitting.engine.split import DEAD_SENSOR, HELD_READINGS, OTHER_BOAT
+from sim.fitting.engine.split import OTHER_BOAT, UNCERTAIN
 
 SHOWN_S = 10
 ROUGH, QUIET_M_S2 = 2.0, 0.01  # latent acceleration of an unusable reference over the logs', or this; assumed
-TOLD = (*BIASING, DEAD_SENSOR, HELD_READINGS, OTHER_BOAT)
+TOLD = (*BIASING, *UNCERTAIN, DEAD_SENSOR, HELD_READINGS, OTHER_BOAT)
 """Kinds of problems of the logs that stand beside the verdict; all are in the report."""
 WORTH = 0.1
 """Share of the held-out error below which other numbers are not worth another file; assumed."""

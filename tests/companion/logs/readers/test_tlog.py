@@ -183,6 +183,27 @@ def test_of_two_boats_in_one_log_the_one_that_is_left_out_is_named(tmp_path):
     assert run.samples("phi_rad")[1].max() < 0.02
 
 
+def without_heartbeats(boat: Autopilot) -> Autopilot:
+    boat.records = [r for r in boat.records if r[1][5 if r[1][0] == 0xFE else 7] != dialect.MAVLINK_MSG_ID_HEARTBEAT]
+    return boat
+
+
+def test_without_a_heartbeat_the_one_system_with_servo_outputs_is_read(tmp_path):
+    whole = read_run(Autopilot(20.0).write(tmp_path / "a.tlog"))
+    run = read_run(without_heartbeats(Autopilot(20.0)).write(tmp_path / "b.tlog"))
+    assert run.table.equals(whole.table)
+    assert "no heartbeat of an autopilot: system 1 component 1 is read" in run.meta.notes[0].text
+
+
+def test_without_a_heartbeat_several_systems_with_servo_outputs_are_refused(tmp_path):
+    boat, other = without_heartbeats(Autopilot(20.0)), dialect.MAVLink(None, srcSystem=7, srcComponent=1)
+    boat.put(other.servo_output_raw_encode(1, 0, *([1500] * 8)), other)
+    with pytest.raises(
+        RunError, match=r"a.tlog: no heartbeat .* of several, system 1 component 1, system 7 component 1"
+    ):
+        read_run(boat.write(tmp_path / "a.tlog"))
+
+
 def test_a_link_that_is_slow_for_a_while_is_no_clock_that_was_set(tmp_path):
     boat = Autopilot(200.0, jitter_s=0.02)
     slow = [60e6 < t - UNIX_US < 140e6 for t, _ in boat.records]

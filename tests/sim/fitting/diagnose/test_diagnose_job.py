@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from companion.__main__ import main
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.readers.table import write_run
+from companion.logs.runs.as_if_blank import DEAD_SENSOR, HELD_READINGS
 from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.diagnose import job
 from sim.fitting.diagnose.catalogue import catalogue, stochastic
@@ -26,7 +27,6 @@ from sim.fitting.diagnose.report.sentences import sentences
 from sim.fitting.diagnose.report.verdict import HARMFUL
 from sim.fitting.diagnose.selection.distinguishability import Distinguishability
 from sim.fitting.diagnose.selection.identifiability import PairwiseEvidence
-from sim.fitting.engine.split import DEAD_SENSOR, HELD_READINGS
 from sim.fitting.wiring.record import WiringFinding, WiringReport
 from sim.world.teleop_log import teleop_run
 from tests.companion.command_line import exit_code

@@ -4,8 +4,12 @@ import polars as pl
 import pytest
 from msgspec.structs import replace
 
-from companion.logs.runs.run import Run
-from sim.fitting.engine.split import JobError, NamedLog, split
+from companion.logs.readers.gps import NO_FIX
+from companion.logs.readers.outputs import GUESSED
+from companion.logs.runs.run import LogProblem, Run
+from sim.fitting.diagnose.report.sentences import TOLD
+from sim.fitting.engine.split import UNCERTAIN, JobError, NamedLog, split, usable
+from sim.fitting.identify.verdict import DOUBTFUL
 from sim.fitting.wiring.check import checked
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
@@ -86,3 +90,35 @@ def test_logs_that_state_several_boats_say_so():
     one, other, unknown = notes("alba", "bora", "not stated")
     assert one[0].startswith("it states alba, others bora") and other[0].startswith("it states bora, others alba")
     assert not unknown and notes("alba", "alba", "not stated") == [[], [], []]
+
+
+def test_a_boat_that_is_never_commanded_is_refused():
+    """Of a log with outputs that drive nothing a boat was fitted that moves by itself."""
+    run = teleop_run(VESSEL, 8, 80.0)
+    still = run.table.with_columns(pl.lit(1510.0).alias(f"pwm_{name}") for name in run.thrusters)
+    log = NamedLog("a.BIN", Run(still, replace(run.meta, columns={"pwm": "RCOU: output 1"})))
+    with pytest.raises(JobError, match=r"a.BIN: no thruster ever leaves neutral.*source of the pulses: RCOU"):
+        split([log], [], VESSEL)
+    assert usable(log, VESSEL, at_rest=True).run.thrusters == run.thrusters, "a reference may lie in the harbour"
+
+
+@pytest.mark.parametrize(("kind", "words"), [(NO_FIX, "without position: none of 3 GPS fixes"), ("other", "--uwb")])
+def test_what_the_reader_knows_of_a_missing_position_is_the_reason(kind, words):
+    run = teleop_run(VESSEL, 8, 80.0)
+    blind = run.table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in ("north_m", "east_m"))
+    log = Run(blind, run.meta).with_notes([LogProblem(kind=kind, text="none of 3 GPS fixes is good")])
+    with pytest.raises(JobError, match=words):
+        split([NamedLog("a.BIN", log)], [], VESSEL)
+
+
+def test_measured_wind_is_said_to_be_used_by_nothing():
+    run = teleop_run(VESSEL, 8, 80.0)
+    windy = Run(run.table.with_columns(V_w_m_s=pl.lit(5.0), beta_w_deg=pl.lit(90.0)), run.meta)
+    (used,) = split([NamedLog("a.csv", windy)], [], VESSEL).used
+    (note,) = used.log.run.meta.notes
+    assert note.kind == "not used" and note.text.startswith("V_w_m_s, beta_w_deg: measured wind is used by no fit")
+
+
+def test_pulses_that_may_not_be_what_was_driven_are_told_by_identify_and_diagnose():
+    assert {*UNCERTAIN} <= {*DOUBTFUL} and {*UNCERTAIN} <= {*TOLD}
+    assert {"no pulse", "constant", GUESSED} <= {*UNCERTAIN}

@@ -19,7 +19,7 @@ from companion.logs.log_file import LogError, LogFile
 from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.fingerprint import fingerprint
 from companion.logs.runs.problems import problem_sentences, problems
-from companion.logs.runs.run import Run
+from companion.logs.runs.run import Run, RunMeta
 from sim.commission.watch.causes import Watched, watched
 from sim.commission.watch.course import BoatCourse, course
 from sim.commission.watch.history import (
@@ -41,6 +41,7 @@ from sim.whole_file import write_whole
 
 UNUSABLE = (LogError, ValueError, OSError, np.linalg.LinAlgError)
 """Of a log that cannot be read or fitted: RunError, StructuredFitError and JobError are ValueErrors."""
+NOT_STATED = RunMeta().vessel
 Say = Callable[[str, float], None]
 
 
@@ -155,12 +156,14 @@ def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | st
     if history.holds_file(content):
         return ""
     run = read_run(path, ReadOptions(history.vessel, site))
+    log = LogFile(path) if path.suffix.lower() == ".mcap" else None
+    _reject_other_boat(run, log, history.vessel.name)
     if history.holds_data(run.data_hash):
         return ""
     marks = fingerprint(run)
     if other := history.overlapping(marks):
         return f"{path}: one recording with {other}, which is in the history: not taken in again"
-    begin_s, by_file = _begin_unix_s(path, run, history.vessel.name)
+    begin_s, by_file = _begin_unix_s(path, run, log)
     reject_swapped_columns(run)
     found = mission_information(run, history.vessel)
     if not np.isfinite(found.precision).all() or not np.isfinite(found.eta).all():
@@ -173,16 +176,19 @@ def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | st
     )  # fmt: skip
 
 
-def _begin_unix_s(path: Path, run: Run, name: str) -> tuple[float, bool]:
+def _reject_other_boat(run: Run, log: LogFile | None, name: str) -> None:
+    """ValueError where a log says that it is of another boat. `log`: of ours, whose run is called as it was read."""
+    own = log.metadata.get("vessel", NOT_STATED) if log else run.meta.vessel
+    if own not in (name, NOT_STATED):
+        raise ValueError(f"is of the boat {own}, the history is of {name}: name its own history")
+
+
+def _begin_unix_s(path: Path, run: Run, log: LogFile | None) -> tuple[float, bool]:
     """Begin of a log by its wall clock; where it has none, by the time of its file less its duration, and whether so.
 
-    ValueError where a log of ours is of another boat.
+    `log`: of ours.
     """
-    if path.suffix.lower() == ".mcap":
-        log = LogFile(path)
-        own = log.metadata.get("vessel", name)
-        if own != name:
-            raise ValueError(f"is of the boat {own}, the history is of {name}")
+    if log:
         if log.wall_offset_ns:
             return (run.meta.zero_ns + log.wall_offset_ns) * 1e-9, False
     elif "Unix" in run.meta.clock:

@@ -1,6 +1,7 @@
 """The history on disk: nothing twice, nothing lost, nothing overwritten, whatever ends the program."""
 
 import os
+from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -123,7 +124,7 @@ def test_the_proposed_file_has_what_is_believed_and_loads(tmp_path):
 
 def test_a_part_of_a_log_that_is_known_is_no_new_mission_and_is_told(tmp_path, monkeypatch):
     """A cut of it under another name, on a clock of its own; another log is taken in."""
-    run = teleop_run(VESSEL, 3, 60.0)
+    run = flown()
     history = begun(tmp_path / "history")
     history.add(msgspec.structs.replace(entry(1), marks=tuple(fingerprint(run).tolist())))
     cut, other = tmp_path / "cut.csv", tmp_path / "other.csv"
@@ -138,6 +139,28 @@ def test_a_part_of_a_log_that_is_known_is_no_new_mission_and_is_told(tmp_path, m
     again = History(history.folder, VESSEL, TEXT)
     assert again.overlapping(fingerprint(read_csv(other))) == str(other)
     assert not begun(tmp_path / "old", 1).overlapping(fingerprint(run)), "an entry of an older version has no marks"
+
+
+@pytest.mark.parametrize(
+    ("boat_of_log", "form", "taken"),
+    [("otter", "csv", False), ("otter", "parquet", False), ("aritra", "csv", True), (None, "csv", True)],
+)
+def test_another_boats_log_is_left_out_in_whatever_form(boat_of_log, form, taken, tmp_path, monkeypatch):
+    said = entry(2).information()
+    monkeypatch.setattr(job, "mission_information", lambda *_: said)
+    monkeypatch.setattr(job, "reject_swapped_columns", lambda _run: None)
+    meta = RunMeta(vessel=boat_of_log) if boat_of_log else RunMeta()
+    write_run(Run(flown().table, meta), path := tmp_path / f"log.{form}")
+    outcome = job.watch(begun(tmp_path / "history"), [path])
+    assert outcome.taken == ((str(path),) if taken else ())
+    why = f"{path}: is of the boat otter, the history is of aritra: name its own history"
+    assert outcome.unusable == (() if taken else (why,))
+
+
+@cache
+def flown() -> Run:
+    """A minute by hand."""
+    return teleop_run(VESSEL, 3, 60.0)
 
 
 def test_a_proposed_file_that_somebody_has_changed_is_left_alone(tmp_path):

@@ -11,7 +11,7 @@ watch that was killed goes on where it was, a log that comes late takes its plac
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,10 +23,13 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.part_files import log_parts
 from companion.logs.runs.fingerprint import overlap
+from sim.commission.journal import HEAD as COMMISSIONING
 from sim.commission.watch.mission_fit import MissionInformation
 from sim.whole_file import write_whole
 
 VESSEL, LOGS, PROPOSED, PAGE = "vessel.toml", "logs", "proposed.toml", "history.html"
+ENTRIES = "*-????????????.json"
+"""Names of entries, in `LOGS`."""
 FORMAT = 1
 T = TypeVar("T")
 MARK = "# Made anew by `aritra watch`; sha256 of all below this line: "
@@ -72,10 +75,14 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class History:
-    """The history in `folder` of the boat of `vessel`. Raises ConfigError where it is of another vessel file."""
+    """The history in `folder` of the boat of `vessel`.
+
+    Raises ConfigError where it is of another vessel file, and before anything is made where the folder is another's.
+    """
 
     def __init__(self, folder: Path, vessel: VesselFile, vessel_text: str):
         try:
+            _reject_other_folder(folder)
             (folder / LOGS).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigError(f"--history {folder}: {error.strerror}") from None
@@ -83,8 +90,8 @@ class History:
         if not (folder / VESSEL).exists():
             write_whole(folder / VESSEL, vessel_text.encode())
         self.vessel = _vessel(folder / VESSEL)
-        self.entries = sorted(_read(folder / LOGS, MissionEntry), key=lambda e: (e.begin_unix_s, e.data_sha256))
-        known = sorted(_read(folder, Acceptance), key=lambda a: a.file)
+        self.entries = sorted(_read((folder / LOGS).glob(ENTRIES), MissionEntry), key=_in_time)
+        known = sorted(_read(folder.glob("accepted-*.json"), Acceptance), key=lambda a: a.file)
         self.accepted = [a for a in known if (folder / a.file).exists()]  # else it was killed before the file was there
         files = [self.vessel, *(_vessel(folder / a.file) for a in self.accepted)]
         if vessel not in files:
@@ -109,7 +116,7 @@ class History:
         """Keep an entry, on disk before it returns; its file. Raises OSError."""
         path = self.folder / LOGS / f"{entry.begin_unix_s:.0f}-{entry.data_sha256[:12]}.json"
         write_whole(path, msgspec.json.encode(entry))
-        self.entries = sorted([*self.entries, entry], key=lambda e: (e.begin_unix_s, e.data_sha256))
+        self.entries = sorted([*self.entries, entry], key=_in_time)
         return path
 
     def files_in_force(self, names: Sequence[str]) -> list[np.ndarray]:
@@ -164,11 +171,28 @@ def _vessel(path: Path) -> VesselFile:
     return load_vessel(path.read_text(encoding="utf-8"), name=str(path))
 
 
-def _read(folder: Path, kind: type[T]) -> list[T]:
+def _in_time(entry: MissionEntry) -> tuple[float, str]:
+    return entry.begin_unix_s, entry.data_sha256
+
+
+def _reject_other_folder(folder: Path) -> None:
+    """Raise ConfigError where something is in `folder` and it is no history. One that was just begun may lack files."""
+    if (folder / COMMISSIONING).exists():
+        raise ConfigError(f"--history {folder}: is the folder of a commissioning; name another one for the history")
+    if not folder.is_dir() or ((folder / VESSEL).is_file() and (folder / LOGS).is_dir()):
+        return
+    for path in sorted(folder.iterdir()):
+        begun = path.name == LOGS and path.is_dir() and not any(path.iterdir())
+        if not begun and not path.name.startswith(f".{VESSEL}."):
+            raise ConfigError(f"--history {folder}: holds {path.name}, and no history; name a new or an empty folder")
+
+
+def _read(paths: Iterable[Path], kind: type[T]) -> list[T]:
     out = []
-    for path in sorted(folder.glob("*.json")):
+    for path in sorted(paths):
         try:
             out.append(msgspec.json.decode(path.read_bytes(), type=kind))
         except msgspec.DecodeError as error:
-            raise ConfigError(f"{path}: damaged ({error}); move it away and name its log again") from None
+            todo = "name its log again" if kind is MissionEntry else f"{path.stem}.toml with it, then --accept again"
+            raise ConfigError(f"{path}: damaged ({error}); move it away and {todo}") from None
     return out

@@ -15,6 +15,7 @@ from companion.core.model.load_vessel import load_vessel
 from companion.logs.readers.table import read_csv, write_run
 from companion.logs.runs.fingerprint import fingerprint
 from companion.logs.runs.run import Run, RunMeta
+from sim.commission.journal import FlightJournal
 from sim.commission.watch import job
 from sim.commission.watch.history import LOGS, PROPOSED, History, MissionEntry, changed_by_hand, marked
 from sim.commission.watch.mission_fit import boat_effects
@@ -88,6 +89,45 @@ def test_a_damaged_entry_is_named(tmp_path):
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(ConfigError, match=path.name):
         History(tmp_path, VESSEL, TEXT)
+
+
+def test_a_damaged_acceptance_is_named_with_its_file(tmp_path):
+    path = job.accept(begun(tmp_path, 1)).with_suffix(".json")
+    path.write_text("{}")
+    with pytest.raises(ConfigError, match=r"accepted-01\.json: damaged .* move it away and accepted-01\.toml with it"):
+        History(tmp_path, VESSEL, TEXT)
+
+
+def test_the_folder_of_a_commissioning_is_refused_before_anything_is_made_in_it(tmp_path):
+    """Its head was called damaged, to be moved away: without it no commissioning goes on."""
+    FlightJournal(tmp_path / "c", {"vessel.toml": TEXT, "site.toml": ""}).begin("signs", {})
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(ConfigError, match=r"/c: is the folder of a commissioning; name another"):
+        History(tmp_path / "c", VESSEL, TEXT)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "vessel.toml", "logs/run.mcap"])
+def test_a_folder_with_other_things_is_refused_and_left_alone(name, tmp_path):
+    (path := tmp_path / name).parent.mkdir(exist_ok=True)
+    path.write_text(TEXT)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(ConfigError, match=rf"holds {name.partition('/')[0]}, and no history; name a new"):
+        History(tmp_path, VESSEL, TEXT)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_history_that_ended_before_its_first_file_was_there_goes_on(tmp_path):
+    (tmp_path / LOGS).mkdir()
+    (tmp_path / ".vessel.toml.123").write_text("form")
+    assert History(tmp_path, VESSEL, TEXT).vessel == VESSEL
+
+
+def test_other_files_in_a_history_are_let_be(tmp_path):
+    begun(tmp_path, 1)
+    for name in ("settings.json", "logs/notes.json"):
+        (tmp_path / name).write_text("{}")
+    assert len(History(tmp_path, VESSEL, TEXT).entries) == 1
 
 
 def test_accepting_writes_a_new_name_each_time_and_overwrites_nothing(tmp_path):

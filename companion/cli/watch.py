@@ -6,6 +6,7 @@ polars and matplotlib are optional (extra `analysis`): modules that need them ar
 from __future__ import annotations
 
 import argparse
+import time
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -73,11 +74,13 @@ def watch(args: argparse.Namespace, console: Console | None = None) -> int:
         history = History(args.history, vessel, text)
         with progress_of(console) as progress, one_thread():
             say = bars(progress, ("logs",))
-            outcome = job.watch(history, args.logs, site, lambda what, share: say("logs", what, share))
+            outcome = job.watch(
+                history, args.logs, site, lambda what, share: say("logs", what, share), now_unix_s=time.time()
+            )
             say("logs", "", 1.0)
         _print(outcome, history, console)
         if args.accept:
-            path = job.accept(history)
+            path = job.accept(history, time.time())
             console.print(Text(f"wrote {path}: use it as the vessel file from now on"), soft_wrap=True)
     except REFUSED as error:
         return refuse(NAME, error)

@@ -66,12 +66,27 @@ class MissionEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
-    """A vessel file that was accepted: theta by name, begin of the last mission in it [Unix s]."""
+    """A vessel file that was accepted: theta by name.
+
+    `until_unix_s`: begin of the last mission in it whose clock was not ahead; 0: there was none. `logs`: SHA-256 of the
+    data of all logs in it; none in those of older versions.
+    """
 
     format: int = FORMAT
     file: str
     theta: dict[str, float]
     until_unix_s: float
+    logs: tuple[str, ...] = ()
+
+    def precedes(self, entry: MissionEntry) -> bool:
+        """Whether the mission was flown after it: it is not in the file, and did not come late from before it."""
+        return entry.data_sha256 not in self.logs and entry.begin_unix_s > self.until_unix_s
+
+    def is_of(self, entries: Sequence[MissionEntry]) -> bool:
+        """Whether the file was made from these logs, and no others."""
+        if not self.logs:
+            return not any(map(self.precedes, entries))
+        return {entry.data_sha256 for entry in entries} == set(self.logs)
 
 
 class History:
@@ -100,6 +115,21 @@ class History:
                 f"--history {folder}: is of another vessel file; name one that is in it ({names}), or another folder"
             )
 
+    @property
+    def in_force(self) -> str:
+        """Name of the vessel file in force: the last that was accepted, else the one that the history began with."""
+        return self.accepted[-1].file if self.accepted else VESSEL
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether the file in force was made from these very logs: none has come or gone since."""
+        return bool(self.accepted) and self.accepted[-1].is_of(self.entries)
+
+    @property
+    def since(self) -> tuple[int, ...]:
+        """Missions (indices) that were flown since the file in force was accepted; without any all of them."""
+        return tuple(i for i, entry in enumerate(self.entries) if all(a.precedes(entry) for a in self.accepted[-1:]))
+
     def holds_file(self, sha256: str) -> bool:
         """Whether a log file of this content has been taken in."""
         return any(e.file_sha256 == sha256 for e in self.entries)
@@ -123,18 +153,20 @@ class History:
         """Theta (B,) of the vessel file in force in each mission: that of the last acceptance before it, else zero."""
         out = []
         for entry in self.entries:
-            before = [a for a in self.accepted if a.until_unix_s < entry.begin_unix_s]
+            before = [a for a in self.accepted if a.precedes(entry)]
             out.append(theta_of(before[-1], names) if before else np.zeros(len(names)))
         return out
 
-    def accept(self, text: str, names: Sequence[str], theta: np.ndarray) -> Path:
-        """Write the vessel file `text` under a new name, as accepted after the last mission. Raises OSError."""
+    def accept(self, text: str, names: Sequence[str], theta: np.ndarray, now_unix_s: float) -> Path:
+        """Write the vessel file `text` under a new name, as accepted with all these missions in it. Raises OSError."""
         number = 1
         while list(self.folder.glob(f"accepted-{number:02d}.*")):
             number += 1
         path = self.folder / f"accepted-{number:02d}.toml"
         values = dict(zip(names, theta.tolist(), strict=True))
-        made = Acceptance(file=path.name, theta=values, until_unix_s=self.entries[-1].begin_unix_s)
+        until_unix_s = max((e.begin_unix_s for e in self.entries if e.begin_unix_s <= now_unix_s), default=0.0)
+        logs = tuple(e.data_sha256 for e in self.entries)
+        made = Acceptance(file=path.name, theta=values, until_unix_s=until_unix_s, logs=logs)
         write_whole(path.with_suffix(".json"), msgspec.json.encode(made))
         write_whole(path, text.encode())
         self.accepted.append(made)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from companion.core.configuration.site_file import Site
@@ -25,7 +26,6 @@ from sim.commission.watch.course import BoatCourse, course
 from sim.commission.watch.history import (
     PAGE,
     PROPOSED,
-    VESSEL,
     History,
     MissionEntry,
     changed_by_hand,
@@ -52,7 +52,7 @@ class Outcome:
     `in_part`: of the known ones, those that share positions with another log of the history, in words.
     `doubtful`: why what logs that were taken in say may be wrong, and how to take them out again, in words.
     `course`: None without any log; `told`: changes that were not told before; `in_force`: name of the vessel file in
-    force, `since`: its first mission (index).
+    force, `since`: its missions (indices).
     """
 
     taken: tuple[str, ...]
@@ -63,11 +63,16 @@ class Outcome:
     course: BoatCourse | None
     told: tuple[int, ...]
     in_force: str
-    since: int
+    since: tuple[int, ...]
 
 
 def watch(
-    history: History, logs: Sequence[Path], site: Site | None = None, say: Say = lambda _text, _share: None
+    history: History,
+    logs: Sequence[Path],
+    site: Site | None = None,
+    say: Say = lambda _text, _share: None,
+    *,
+    now_unix_s: float,
 ) -> Outcome:
     """Take `logs` into `history`; write the proposed file and the page. Raises ConfigError, OSError."""
     proposed = history.folder / PROPOSED
@@ -79,7 +84,7 @@ def watch(
     for i, path in enumerate(logs):
         say(path.name, i / len(logs))
         try:
-            entry = _entry(history, path, site)
+            entry = _entry(history, path, site, now_unix_s)
         except UNUSABLE as error:
             unusable.append(_why(path, error))
             continue
@@ -94,19 +99,16 @@ def watch(
         taken.append(str(path))
     found = course_of(history) if taken else found
     told = tuple(i for i, change in enumerate(_changes(history, found)) if change not in old)
-    last = history.accepted[-1] if history.accepted else None
-    since = sum(last is not None and entry.begin_unix_s <= last.until_unix_s for entry in history.entries)
-    in_force = last.file if last else VESSEL
-    outcome = Outcome(
-        tuple(taken), tuple(known), tuple(unusable), tuple(in_part), tuple(doubtful), found, told, in_force, since
-    )
     if found:
         write_whole(proposed, marked(proposal(history, found)).encode())
-        write_whole(history.folder / PAGE, history_page(history, found, since, in_force).encode())
-    return outcome
+        write_whole(history.folder / PAGE, history_page(history, found).encode())
+    return Outcome(
+        tuple(taken), tuple(known), tuple(unusable), tuple(in_part), tuple(doubtful), found, told, history.in_force,
+        history.since,
+    )  # fmt: skip
 
 
-def accept(history: History) -> Path:
+def accept(history: History, now_unix_s: float) -> Path:
     """Write the proposed file under a new name: a person has said yes. Raises ConfigError, OSError."""
     path, found = history.folder / PROPOSED, course_of(history)
     if found is None:
@@ -114,9 +116,9 @@ def accept(history: History) -> Path:
     if changed_by_hand(path):
         raise ConfigError(f"{path}: was changed by hand; use it under a name of its own, or move it away")
     theta = found.missions[-1].belief.mean
-    if history.accepted and history.accepted[-1].until_unix_s >= history.entries[-1].begin_unix_s:
-        raise ConfigError(f"{history.folder / history.accepted[-1].file}: was accepted, and no mission has come since")
-    return history.accept(proposal(history, found), found.watched.names, theta)
+    if history.is_accepted:
+        raise ConfigError(f"{history.folder / history.in_force}: was accepted, and no mission has come since")
+    return history.accept(proposal(history, found), found.watched.names, theta, now_unix_s)
 
 
 def proposal(history: History, found: BoatCourse) -> str:
@@ -150,7 +152,7 @@ def _changes(history: History, found: BoatCourse | None) -> list[tuple[str, str]
     return [(change.cause.name, history.entries[change.told].data_sha256) for change in changes]
 
 
-def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | str:
+def _entry(history: History, path: Path, site: Site | None, now_unix_s: float) -> MissionEntry | str:
     """What the log says; where it is in the history already a sentence if only a part of it is, or nothing."""
     content = file_sha256(path)
     if history.holds_file(content):
@@ -168,12 +170,19 @@ def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | st
     found = mission_information(run, history.vessel)
     if not np.isfinite(found.precision).all() or not np.isfinite(found.eta).all():
         raise ValueError("the fit ran away: is it a log of this boat?")
-    return MissionEntry(
+    entry = MissionEntry(
         log=str(path), file_sha256=content, data_sha256=run.data_hash, begin_unix_s=begin_s, duration_s=run.duration_s,
         names=found.names, precision=found.precision.tolist(), eta=found.eta.tolist(), day=dict(found.day),
         latent=found.latent, thrust=found.thrust, marks=tuple(marks.tolist()),
         doubts=tuple(problem_sentences({str(path): problems(run)})), begin_by_file=by_file,
     )  # fmt: skip
+    if begin_s <= now_unix_s:
+        return entry
+    ahead = (
+        f"{path}: began {when(entry)}, which is later than now: its clock was ahead, or this computer's is behind. "
+        "Until then it stands after every other mission."
+    )
+    return msgspec.structs.replace(entry, doubts=(*entry.doubts, ahead))
 
 
 def _reject_other_boat(run: Run, log: LogFile | None, name: str) -> None:

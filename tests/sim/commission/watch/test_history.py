@@ -26,6 +26,7 @@ TEXT = (EXAMPLES / "boats" / "aritra.toml").read_text()
 VESSEL = boat("aritra")
 NAMES = tuple(e.id for e in boat_effects(VESSEL))
 B = len(NAMES)
+NOW = 2e9
 
 
 def entry(day: int, gain: float = 0.0) -> MissionEntry:
@@ -78,8 +79,8 @@ def test_another_boats_file_is_refused_and_so_is_none_of_the_accepted_ones(tmp_p
     begun(tmp_path, 1)
     with pytest.raises(ConfigError, match="another vessel file"):
         History(tmp_path, boat("twin"), TEXT)
-    job.watch(History(tmp_path, VESSEL, TEXT), [])
-    path = job.accept(History(tmp_path, VESSEL, TEXT))
+    job.watch(History(tmp_path, VESSEL, TEXT), [], now_unix_s=NOW)
+    path = job.accept(History(tmp_path, VESSEL, TEXT), NOW)
     assert History(tmp_path, load_vessel(path.read_text(), name="x"), "").accepted
 
 
@@ -92,7 +93,7 @@ def test_a_damaged_entry_is_named(tmp_path):
 
 
 def test_a_damaged_acceptance_is_named_with_its_file(tmp_path):
-    path = job.accept(begun(tmp_path, 1)).with_suffix(".json")
+    path = job.accept(begun(tmp_path, 1), NOW).with_suffix(".json")
     path.write_text("{}")
     with pytest.raises(ConfigError, match=r"accepted-01\.json: damaged .* move it away and accepted-01\.toml with it"):
         History(tmp_path, VESSEL, TEXT)
@@ -132,13 +133,13 @@ def test_other_files_in_a_history_are_let_be(tmp_path):
 
 def test_accepting_writes_a_new_name_each_time_and_overwrites_nothing(tmp_path):
     history = begun(tmp_path, 1, 2)
-    job.watch(history, [])
-    one = job.accept(history)
+    job.watch(history, [], now_unix_s=NOW)
+    one = job.accept(history, NOW)
     before = one.read_text()
     with pytest.raises(ConfigError, match="no mission has come since"):
-        job.accept(history)
+        job.accept(history, NOW)
     history.add(entry(3, 0.06))
-    two = job.accept(history)
+    two = job.accept(history, NOW)
     assert one.name == "accepted-01.toml" and two.name == "accepted-02.toml"
     assert one.read_text() == before != two.read_text()
 
@@ -146,16 +147,78 @@ def test_accepting_writes_a_new_name_each_time_and_overwrites_nothing(tmp_path):
 def test_the_accepted_file_is_what_later_missions_are_judged_against(tmp_path):
     history = begun(tmp_path, 1, 2)
     assert [f.any() for f in history.files_in_force(NAMES)] == [False, False]
-    job.accept(history)
+    job.accept(history, NOW)
     history.add(entry(3))
     assert [f.any() for f in history.files_in_force(NAMES)] == [False, False, True]
-    outcome = job.watch(history, [])
-    assert outcome.in_force == "accepted-01.toml" and outcome.since == 2
+    outcome = job.watch(history, [], now_unix_s=NOW)
+    assert outcome.in_force == "accepted-01.toml" and outcome.since == (2,)
+
+
+AHEAD, TODAY, TOMORROW = 7000, 100, 101
+
+
+def test_a_log_whose_clock_was_ahead_does_not_keep_later_missions_from_counting(tmp_path):
+    """Dated 2031, it blocked every yes until then, and missions since its acceptance counted as flown before it."""
+    history, now_unix_s = begun(tmp_path, 99, AHEAD), entry(TODAY).begin_unix_s
+    job.accept(history, now_unix_s)
+    with pytest.raises(ConfigError, match="no mission has come since"):
+        job.accept(history, now_unix_s)
+    history.add(entry(TODAY))
+    again = History(tmp_path, VESSEL, TEXT)
+    assert [e.log for e in again.entries] == ["day99.mcap", f"day{TODAY}.mcap", f"day{AHEAD}.mcap"]
+    assert again.since == (1,) and [f.any() for f in again.files_in_force(NAMES)] == [False, True, False]
+    assert job.accept(again, now_unix_s).name == "accepted-02.toml"
+    again.add(entry(TOMORROW))
+    assert again.since == (2,)
+
+
+def test_a_log_that_comes_late_may_be_accepted_and_is_not_judged_by_a_file_of_after_it(tmp_path):
+    history = begun(tmp_path, 2, 3)
+    job.accept(history, NOW)
+    history.add(entry(1))
+    assert history.since == () and not np.any(history.files_in_force(NAMES)) and not history.is_accepted
+    job.accept(history, NOW)
+
+
+def test_without_a_log_that_was_moved_away_the_file_may_be_accepted_again(tmp_path):
+    job.accept(begun(tmp_path, 1, AHEAD), entry(TODAY).begin_unix_s)
+    (path,) = (tmp_path / LOGS).glob(f"{entry(AHEAD).begin_unix_s:.0f}-*")
+    path.unlink()
+    assert job.accept(History(tmp_path, VESSEL, TEXT), NOW).name == "accepted-02.toml"
+
+
+def test_an_acceptance_of_an_older_version_is_judged_by_time(tmp_path):
+    history = begun(tmp_path, 1, 2)
+    record = job.accept(history, NOW).with_suffix(".json")
+    record.write_bytes(msgspec.json.encode(msgspec.structs.replace(history.accepted[0], logs=())))
+    again = History(tmp_path, VESSEL, TEXT)
+    assert again.is_accepted and again.since == ()
+    again.add(entry(3))
+    assert not again.is_accepted and again.since == (2,)
+
+
+@pytest.mark.parametrize(("now_unix_s", "doubted"), [(1.6e9, True), (1.8e9, False)])
+def test_a_log_that_began_later_than_now_is_doubtful(now_unix_s, doubted, tmp_path, monkeypatch):
+    said = entry(2).information()
+    monkeypatch.setattr(job, "mission_information", lambda *_: said)
+    write_run(Run(flown().table, RunMeta()), path := tmp_path / "day.csv")
+    os.utime(path, (1.7e9, 1.7e9))
+    history = begun(tmp_path / "history")
+    outcome = job.watch(history, [path], now_unix_s=now_unix_s)
+    assert outcome.taken == (str(path),)
+    told = [text for text in outcome.doubtful if "later than now" in text]
+    assert len(told) == doubted and [d for d in history.entries[0].doubts if "later than now" in d] == [
+        text.partition(" It counts")[0] for text in told
+    ]
+    if doubted:
+        (kept,) = (history.folder / LOGS).iterdir()
+        assert f"{path}: began 2023-11-14 22:12 UTC, by its file, which is later" in told[0]
+        assert f"move {kept} away" in told[0]
 
 
 def test_the_proposed_file_has_what_is_believed_and_loads(tmp_path):
     history = begun(tmp_path, *range(1, 9))
-    job.watch(history, [])
+    job.watch(history, [], now_unix_s=NOW)
     proposed = load_vessel((tmp_path / PROPOSED).read_text(), name=PROPOSED)
     gains = {t.name: t.gain for t in proposed.thrusters}
     assert gains["front_port"] == pytest.approx(1.03, abs=0.01)
@@ -173,7 +236,7 @@ def test_a_part_of_a_log_that_is_known_is_no_new_mission_and_is_told(tmp_path, m
     write_run(Run(teleop_run(VESSEL, 4, 60.0).table, RunMeta()), other)
     said = entry(2).information()
     monkeypatch.setattr(job, "mission_information", lambda *_: said)
-    outcome = job.watch(history, [cut, other])
+    outcome = job.watch(history, [cut, other], now_unix_s=NOW)
     assert (outcome.known, outcome.taken, outcome.unusable) == ((str(cut),), (str(other),), ())
     assert outcome.in_part == (f"{cut}: one recording with day1.mcap, which is in the history: not taken in again",)
     again = History(history.folder, VESSEL, TEXT)
@@ -191,7 +254,7 @@ def test_another_boats_log_is_left_out_in_whatever_form(boat_of_log, form, taken
     monkeypatch.setattr(job, "reject_swapped_columns", lambda _run: None)
     meta = RunMeta(vessel=boat_of_log) if boat_of_log else RunMeta()
     write_run(Run(flown().table, meta), path := tmp_path / f"log.{form}")
-    outcome = job.watch(begun(tmp_path / "history"), [path])
+    outcome = job.watch(begun(tmp_path / "history"), [path], now_unix_s=NOW)
     assert outcome.taken == ((str(path),) if taken else ())
     why = f"{path}: is of the boat otter, the history is of aritra: name its own history"
     assert outcome.unusable == (() if taken else (why,))
@@ -205,14 +268,14 @@ def flown() -> Run:
 
 def test_a_proposed_file_that_somebody_has_changed_is_left_alone(tmp_path):
     history = begun(tmp_path, 1)
-    job.watch(history, [])
+    job.watch(history, [], now_unix_s=NOW)
     path = tmp_path / PROPOSED
     path.write_text(path.read_text().replace("gain", "gain "))
     mine = path.read_text()
     with pytest.raises(ConfigError, match="changed by hand"):
-        job.watch(history, [])
+        job.watch(history, [], now_unix_s=NOW)
     with pytest.raises(ConfigError, match="changed by hand"):
-        job.accept(history)
+        job.accept(history, NOW)
     assert path.read_text() == mine
 
 
@@ -226,11 +289,11 @@ def test_a_mark_shows_every_change(tmp_path):
 
 def test_an_acceptance_whose_file_was_not_written_any_more_does_not_count(tmp_path):
     history = begun(tmp_path, 1)
-    path = job.accept(history)
+    path = job.accept(history, NOW)
     path.unlink()
     again = History(tmp_path, VESSEL, TEXT)
     assert again.accepted == []
-    assert job.accept(again).name == "accepted-02.toml"
+    assert job.accept(again, NOW).name == "accepted-02.toml"
 
 
 def test_an_entry_goes_through_json_without_loss():

@@ -101,6 +101,10 @@ def _print(outcome: Outcome, history: History, console: Console) -> None:
         line(f"known already: {text}", "bold yellow")
     for text in outcome.doubtful:
         line(f"look: {text}", "bold yellow")
+    if history.given != outcome.in_force:
+        now = history.folder / outcome.in_force
+        line(f"look: --vessel is {history.given} of this history; in force, and what missions are judged by, is {now}: "
+             "the boat is to drive by that one, name it", "bold yellow")  # fmt: skip
     known = f", {len(outcome.known)} known already" if outcome.known else ""
     taken, missions = counted(len(outcome.taken), "log"), counted(len(history.entries), "mission")
     line(f"{taken} taken in{known}; {missions} in {history.folder}")

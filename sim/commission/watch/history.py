@@ -90,7 +90,7 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class History:
-    """The history in `folder` of the boat of `vessel`.
+    """The history in `folder` of the boat of `vessel`. `given`: name of that file in it, of several alike the newest.
 
     Raises ConfigError where it is of another vessel file, and before anything is made where the folder is another's.
     """
@@ -108,12 +108,14 @@ class History:
         self.entries = sorted(_read((folder / LOGS).glob(ENTRIES), MissionEntry), key=_in_time)
         known = sorted(_read(folder.glob("accepted-*.json"), Acceptance), key=lambda a: a.file)
         self.accepted = [a for a in known if (folder / a.file).exists()]  # else it was killed before the file was there
-        files = [self.vessel, *(_vessel(folder / a.file) for a in self.accepted)]
-        if vessel not in files:
-            names = ", ".join((VESSEL, *(a.file for a in self.accepted)))
+        names = (VESSEL, *(a.file for a in self.accepted))
+        given = [name for name in names if vessel == _vessel(folder / name)]
+        if not given:
             raise ConfigError(
-                f"--history {folder}: is of another vessel file; name one that is in it ({names}), or another folder"
+                f"--history {folder}: is of another vessel file; name one that is in it ({', '.join(names)}), or "
+                "another folder"
             )
+        self.given = given[-1]
 
     @property
     def in_force(self) -> str:

@@ -109,7 +109,7 @@ def watch(
 
 
 def accept(history: History, now_unix_s: float) -> Path:
-    """Write the proposed file under a new name: a person has said yes. Raises ConfigError, OSError."""
+    """Write the proposed file under a new name: a person has said yes; then the page. Raises ConfigError, OSError."""
     path, found = history.folder / PROPOSED, course_of(history)
     if found is None:
         raise ConfigError(f"--history {history.folder}: holds no log yet; name one, then there is a file to accept")
@@ -118,7 +118,9 @@ def accept(history: History, now_unix_s: float) -> Path:
     theta = found.missions[-1].belief.mean
     if history.is_accepted:
         raise ConfigError(f"{history.folder / history.in_force}: was accepted, and no mission has come since")
-    return history.accept(proposal(history, found), found.watched.names, theta, now_unix_s)
+    accepted = history.accept(proposal(history, found), found.watched.names, theta, now_unix_s)
+    write_whole(history.folder / PAGE, history_page(history, found).encode())
+    return accepted
 
 
 def proposal(history: History, found: BoatCourse) -> str:

@@ -18,6 +18,7 @@ def history_page(history: History, course: BoatCourse) -> str:
     """The page as text."""
     told = tuple(change_sentence(change, history.entries) for change in course.changes)
     doubts = tuple(doubt for entry in history.entries for doubt in entry.doubts)
+    then = "It is the proposed one." if history.is_accepted else "`--accept` puts the proposed one in its place."
     nothing = (f"Nothing has changed that {counted(len(course.missions), 'mission')} can show.",)
     sections = [
         Section("Changes", told or nothing, look=bool(told)),
@@ -25,7 +26,7 @@ def history_page(history: History, course: BoatCourse) -> str:
             "Proposed vessel file",
             (
                 *proposal_sentences(course, history.since),
-                f"In force: {history.in_force}. `--accept` puts the proposed one in its place.",
+                f"In force: {history.in_force}. {then}",
             ),
         ),
         Section(

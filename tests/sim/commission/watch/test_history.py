@@ -17,7 +17,8 @@ from companion.logs.runs.fingerprint import fingerprint
 from companion.logs.runs.run import Run, RunMeta
 from sim.commission.journal import FlightJournal
 from sim.commission.watch import job
-from sim.commission.watch.history import LOGS, PROPOSED, History, MissionEntry, changed_by_hand, marked
+from sim.commission.watch.history import LOGS, PAGE, PROPOSED, History, MissionEntry, changed_by_hand, marked
+from sim.commission.watch.history import VESSEL as VESSEL_FILE
 from sim.commission.watch.mission_fit import boat_effects
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
@@ -81,7 +82,9 @@ def test_another_boats_file_is_refused_and_so_is_none_of_the_accepted_ones(tmp_p
         History(tmp_path, boat("twin"), TEXT)
     job.watch(History(tmp_path, VESSEL, TEXT), [], now_unix_s=NOW)
     path = job.accept(History(tmp_path, VESSEL, TEXT), NOW)
-    assert History(tmp_path, load_vessel(path.read_text(), name="x"), "").accepted
+    again = History(tmp_path, load_vessel(path.read_text(), name="x"), "")
+    assert again.accepted and again.given == again.in_force == path.name
+    assert History(tmp_path, VESSEL, TEXT).given == VESSEL_FILE
 
 
 def test_a_damaged_entry_is_named(tmp_path):
@@ -134,8 +137,10 @@ def test_other_files_in_a_history_are_let_be(tmp_path):
 def test_accepting_writes_a_new_name_each_time_and_overwrites_nothing(tmp_path):
     history = begun(tmp_path, 1, 2)
     job.watch(history, [], now_unix_s=NOW)
+    assert "In force: vessel.toml. `--accept` puts" in (tmp_path / PAGE).read_text()
     one = job.accept(history, NOW)
     before = one.read_text()
+    assert "In force: accepted-01.toml. It is the proposed one." in (tmp_path / PAGE).read_text()
     with pytest.raises(ConfigError, match="no mission has come since"):
         job.accept(history, NOW)
     history.add(entry(3, 0.06))

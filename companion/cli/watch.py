@@ -6,6 +6,7 @@ polars and matplotlib are optional (extra `analysis`): modules that need them ar
 from __future__ import annotations
 
 import argparse
+import time
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -73,11 +74,13 @@ def watch(args: argparse.Namespace, console: Console | None = None) -> int:
         history = History(args.history, vessel, text)
         with progress_of(console) as progress, one_thread():
             say = bars(progress, ("logs",))
-            outcome = job.watch(history, args.logs, site, lambda what, share: say("logs", what, share))
+            outcome = job.watch(
+                history, args.logs, site, lambda what, share: say("logs", what, share), now_unix_s=time.time()
+            )
             say("logs", "", 1.0)
         _print(outcome, history, console)
         if args.accept:
-            path = job.accept(history)
+            path = job.accept(history, time.time())
             console.print(Text(f"wrote {path}: use it as the vessel file from now on"), soft_wrap=True)
     except REFUSED as error:
         return refuse(NAME, error)
@@ -98,6 +101,10 @@ def _print(outcome: Outcome, history: History, console: Console) -> None:
         line(f"known already: {text}", "bold yellow")
     for text in outcome.doubtful:
         line(f"look: {text}", "bold yellow")
+    if history.given != outcome.in_force:
+        now = history.folder / outcome.in_force
+        line(f"look: --vessel is {history.given} of this history; in force, and what missions are judged by, is {now}: "
+             "the boat is to drive by that one, name it", "bold yellow")  # fmt: skip
     known = f", {len(outcome.known)} known already" if outcome.known else ""
     taken, missions = counted(len(outcome.taken), "log"), counted(len(history.entries), "mission")
     line(f"{taken} taken in{known}; {missions} in {history.folder}")

@@ -21,8 +21,9 @@ import numpy as np
 from companion.boat.load_run import setup_of
 from companion.core.configuration.tables import digest
 from companion.core.excitation.pen import Pen
-from companion.core.messages import ExcitationStatus, GroundTruth, GuidanceReference, ModeStatus
+from companion.core.messages import Alert, ExcitationStatus, GroundTruth, GuidanceReference, ModeStatus
 from companion.core.model.vessel_text import vessel_toml
+from companion.core.pilot.order_expiry import has_expired
 from companion.core.pilot.pilot import Pilot
 from companion.logs.log_file import LogError, LogFile
 from companion.python_child import dependent_aritra
@@ -38,6 +39,8 @@ LIMIT_S = 900.0
 """Longest flight: an excitation of two minutes, or the mission, and the ways to them; assumed."""
 STATION_S, ARRIVED = 10.0, ("station", "done")
 """How long a mission goes on at its end, and the phases of guidance that are its end."""
+ORDERS = ("start", "excite")
+"""By which a flight begins."""
 NEAR_M = 4.0
 """Clearance from which on somebody brings the simulated boat back; assumed."""
 Say = Callable[[str], None]
@@ -192,13 +195,16 @@ def _is_done(log: Path) -> bool:
 
 
 def _last_reason(log: Path) -> str:
-    """Mode at the end of a log, and why; empty where it cannot be read."""
-    last = ""
+    """Mode at the end of a log, and why, or that the order to begin has expired; empty where it cannot be read."""
+    last, expired = "", ""
     with contextlib.suppress(LogError, OSError):
-        for message in LogFile(log).messages(ModeStatus):
+        for message in LogFile(log).messages(Alert, ModeStatus):
             if isinstance(message, ModeStatus):
                 last = f"{message.mode}: {message.why}"
-    return last
+                expired = expired if message.mode == "idle" else ""
+            elif isinstance(message, Alert) and any(has_expired(order, message.text) for order in ORDERS):
+                expired = message.text
+    return expired or last
 
 
 def _last_place(folder: Path) -> tuple[float, float, float] | None:

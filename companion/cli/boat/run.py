@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from companion.boat.app import App
 from companion.boat.clock import BoatClock
@@ -51,7 +52,8 @@ from drivers.ports.url import PortUrlError, open_port_from_url
 RUN_FILES = Path()
 """`--excite` without a file."""
 REFUSED = 1
-"""Exit code of a run on an autopilot that the check refuses, or that ended because the boat had stopped itself."""
+"""Exit code of a run on an autopilot that the check refuses, or that ended because the boat was stopped or never began.
+"""
 UNCHECKED = "UNCHECKED: nobody knows whether the thrusters stop when this program dies (--unchecked)"
 PRIORITY = -10
 """Nice value: the control loop has priority over a ground station or a build on the same machine; assumed."""
@@ -94,7 +96,7 @@ def add_parser(commands) -> None:
         type=seconds(0.0, 86_400.0),
         metavar="S",
         help="end S seconds after mission or excitation is done, or the boat has stopped itself; or a minute "
-        "after an operator has stopped it (both: exit code 1)",
+        "after an operator has stopped it; or at once where the order of --start has expired (these: exit code 1)",
     )
     p.set_defaults(function=run)
 
@@ -185,7 +187,7 @@ async def _drive(
     clock = BoatClock()
     screen = TerminalWriter(sys.stdout)
     progress = desk or Progress(len(setup.pilot.mission.path.waypoints), screen)
-    finish = RunEnd(args.end_after)
+    finish = RunEnd(args.end_after, _order(args) if args.start else "")
 
     def watch(message: Message) -> None:
         progress.see(message)
@@ -226,7 +228,7 @@ async def _drive(
     )
     call_when_asked_to_end(asyncio.get_running_loop(), end)
     if args.start:
-        app.command(OperatorCommand(t_ns=clock.now_ns(), command="excite" if args.excite else "start"), SWITCH_ON_S)
+        app.command(OperatorCommand(t_ns=clock.now_ns(), command=_order(args)), SWITCH_ON_S)
     _hurry()
     gc.collect()
     gc.freeze()  # what has been built so far stays: later collections need not look at it
@@ -250,6 +252,11 @@ async def _drive(
         if isinstance(error, Exception):
             raise error
     return REFUSED if finish.stopped or (args.start and guard and guard.turns_away) else 0
+
+
+def _order(args: argparse.Namespace) -> Literal["excite", "start"]:
+    """By which the run begins by itself."""
+    return "excite" if args.excite else "start"
 
 
 def _controller(setup: RunSetup, tell: Callable[[Alert], None]) -> Nmpc:

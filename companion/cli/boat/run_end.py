@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from companion.core.messages import ExcitationStatus, GuidanceReference, Message, ModeStatus
+from companion.core.messages import Alert, ExcitationStatus, GuidanceReference, Message, ModeStatus, OperatorCommand
+from companion.core.pilot.order_expiry import has_expired
 
 STOPPED_S = 60.0
 """An operator who stopped the boat, and has not started it again by then, is done with it; assumed."""
@@ -11,12 +12,13 @@ STOPPED_S = 60.0
 class RunEnd:
     """Mission or excitation has been done, or the boat in `safe`, for `after_s` [s]; None: it never ends by itself.
 
-    So does a boat that an operator has stopped on its way, after `STOPPED_S` at least. `stopped`: it ended in one of
-    these ways.
+    So does a boat that an operator has stopped, after `STOPPED_S` at least, and at once one whose `order`, by which the
+    run begins by itself, has expired; empty: an operator begins. `stopped`: it ended in one of these ways.
     """
 
-    def __init__(self, after_s: float | None):
+    def __init__(self, after_s: float | None, order: str = ""):
         self._after_ns = None if after_s is None else after_s * 1e9
+        self._order = order
         self._done_ns: int | None = None
         self._under_way = False
         self._stopped: tuple[str, int] = "", 0
@@ -30,6 +32,10 @@ class RunEnd:
             self._done_ns = (self._done_ns or message.t_ns) if message.phase in ("done", "failed") else None
         elif isinstance(message, ModeStatus):
             self._see_mode(message)
+        elif isinstance(message, OperatorCommand) and message.command == "stop" and self._order:
+            self._under_way = True  # it would have been: nobody else gives the order anew
+        elif isinstance(message, Alert) and self._order and has_expired(self._order, message.text):
+            self.stopped = True
         mode, since_ns = self._stopped
         patience_ns = max(self._after_ns, STOPPED_S * 1e9) if mode == "idle" else self._after_ns
         self.stopped = self.stopped or (mode != "" and message.t_ns - since_ns >= patience_ns)

@@ -15,6 +15,11 @@ WAITS_S = 120.0
 autopilot that has just booted take up to a minute (assumed)."""
 
 
+def has_expired(order: str, text: str) -> bool:
+    """Whether the alert `text` says that `order` is dropped after its wait: here, or for the check of the autopilot."""
+    return text.startswith(f"{order} expired")
+
+
 def expiry(state: PilotState, heartbeat_ns: int | None, t_ns: int) -> str | None:
     """Why the order that `starting` waits with is dropped at `t_ns`; None: it is not.
 

@@ -11,7 +11,7 @@ watch that was killed goes on where it was, a log that comes late takes its plac
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,10 +23,13 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
 from companion.logs.part_files import log_parts
 from companion.logs.runs.fingerprint import overlap
+from sim.commission.journal import HEAD as COMMISSIONING
 from sim.commission.watch.mission_fit import MissionInformation
 from sim.whole_file import write_whole
 
 VESSEL, LOGS, PROPOSED, PAGE = "vessel.toml", "logs", "proposed.toml", "history.html"
+ENTRIES = "*-????????????.json"
+"""Names of entries, in `LOGS`."""
 FORMAT = 1
 T = TypeVar("T")
 MARK = "# Made anew by `{by}`; sha256 of all below this line: "
@@ -64,19 +67,38 @@ class MissionEntry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
-    """A vessel file that was accepted: theta by name, begin of the last mission in it [Unix s]."""
+    """A vessel file that was accepted: theta by name.
+
+    `until_unix_s`: begin of the last mission in it whose clock was not ahead; 0: there was none. `logs`: SHA-256 of the
+    data of all logs in it; none in those of older versions.
+    """
 
     format: int = FORMAT
     file: str
     theta: dict[str, float]
     until_unix_s: float
+    logs: tuple[str, ...] = ()
+
+    def precedes(self, entry: MissionEntry) -> bool:
+        """Whether the mission was flown after it: it is not in the file, and did not come late from before it."""
+        return entry.data_sha256 not in self.logs and entry.begin_unix_s > self.until_unix_s
+
+    def is_of(self, entries: Sequence[MissionEntry]) -> bool:
+        """Whether the file was made from these logs, and no others."""
+        if not self.logs:
+            return not any(map(self.precedes, entries))
+        return {entry.data_sha256 for entry in entries} == set(self.logs)
 
 
 class History:
-    """The history in `folder` of the boat of `vessel`. Raises ConfigError where it is of another vessel file."""
+    """The history in `folder` of the boat of `vessel`. `given`: name of that file in it, of several alike the newest.
+
+    Raises ConfigError where it is of another vessel file, and before anything is made where the folder is another's.
+    """
 
     def __init__(self, folder: Path, vessel: VesselFile, vessel_text: str):
         try:
+            _reject_other_folder(folder)
             (folder / LOGS).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigError(f"--history {folder}: {error.strerror}") from None
@@ -84,15 +106,32 @@ class History:
         if not (folder / VESSEL).exists():
             write_whole(folder / VESSEL, vessel_text.encode())
         self.vessel = _vessel(folder / VESSEL)
-        self.entries = sorted(_read(folder / LOGS, MissionEntry), key=lambda e: (e.begin_unix_s, e.data_sha256))
-        known = sorted(_read(folder, Acceptance), key=lambda a: a.file)
+        self.entries = sorted(_read((folder / LOGS).glob(ENTRIES), MissionEntry), key=_in_time)
+        known = sorted(_read(folder.glob("accepted-*.json"), Acceptance), key=lambda a: a.file)
         self.accepted = [a for a in known if (folder / a.file).exists()]  # else it was killed before the file was there
-        files = [self.vessel, *(_vessel(folder / a.file) for a in self.accepted)]
-        if vessel not in files:
-            names = ", ".join((VESSEL, *(a.file for a in self.accepted)))
+        names = (VESSEL, *(a.file for a in self.accepted))
+        given = [name for name in names if vessel == _vessel(folder / name)]
+        if not given:
             raise ConfigError(
-                f"--history {folder}: is of another vessel file; name one that is in it ({names}), or another folder"
+                f"--history {folder}: is of another vessel file; name one that is in it ({', '.join(names)}), or "
+                "another folder"
             )
+        self.given = given[-1]
+
+    @property
+    def in_force(self) -> str:
+        """Name of the vessel file in force: the last that was accepted, else the one that the history began with."""
+        return self.accepted[-1].file if self.accepted else VESSEL
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether the file in force was made from these very logs: none has come or gone since."""
+        return bool(self.accepted) and self.accepted[-1].is_of(self.entries)
+
+    @property
+    def since(self) -> tuple[int, ...]:
+        """Missions (indices) that were flown since the file in force was accepted; without any all of them."""
+        return tuple(i for i, entry in enumerate(self.entries) if all(a.precedes(entry) for a in self.accepted[-1:]))
 
     def holds_file(self, sha256: str) -> bool:
         """Whether a log file of this content has been taken in."""
@@ -110,25 +149,27 @@ class History:
         """Keep an entry, on disk before it returns; its file. Raises OSError."""
         path = self.folder / LOGS / f"{entry.begin_unix_s:.0f}-{entry.data_sha256[:12]}.json"
         write_whole(path, msgspec.json.encode(entry))
-        self.entries = sorted([*self.entries, entry], key=lambda e: (e.begin_unix_s, e.data_sha256))
+        self.entries = sorted([*self.entries, entry], key=_in_time)
         return path
 
     def files_in_force(self, names: Sequence[str]) -> list[np.ndarray]:
         """Theta (B,) of the vessel file in force in each mission: that of the last acceptance before it, else zero."""
         out = []
         for entry in self.entries:
-            before = [a for a in self.accepted if a.until_unix_s < entry.begin_unix_s]
+            before = [a for a in self.accepted if a.precedes(entry)]
             out.append(theta_of(before[-1], names) if before else np.zeros(len(names)))
         return out
 
-    def accept(self, text: str, names: Sequence[str], theta: np.ndarray) -> Path:
-        """Write the vessel file `text` under a new name, as accepted after the last mission. Raises OSError."""
+    def accept(self, text: str, names: Sequence[str], theta: np.ndarray, now_unix_s: float) -> Path:
+        """Write the vessel file `text` under a new name, as accepted with all these missions in it. Raises OSError."""
         number = 1
         while list(self.folder.glob(f"accepted-{number:02d}.*")):
             number += 1
         path = self.folder / f"accepted-{number:02d}.toml"
         values = dict(zip(names, theta.tolist(), strict=True))
-        made = Acceptance(file=path.name, theta=values, until_unix_s=self.entries[-1].begin_unix_s)
+        until_unix_s = max((e.begin_unix_s for e in self.entries if e.begin_unix_s <= now_unix_s), default=0.0)
+        logs = tuple(e.data_sha256 for e in self.entries)
+        made = Acceptance(file=path.name, theta=values, until_unix_s=until_unix_s, logs=logs)
         write_whole(path.with_suffix(".json"), msgspec.json.encode(made))
         write_whole(path, text.encode())
         self.accepted.append(made)
@@ -165,11 +206,28 @@ def _vessel(path: Path) -> VesselFile:
     return load_vessel(path.read_text(encoding="utf-8"), name=str(path))
 
 
-def _read(folder: Path, kind: type[T]) -> list[T]:
+def _in_time(entry: MissionEntry) -> tuple[float, str]:
+    return entry.begin_unix_s, entry.data_sha256
+
+
+def _reject_other_folder(folder: Path) -> None:
+    """Raise ConfigError where something is in `folder` and it is no history. One that was just begun may lack files."""
+    if (folder / COMMISSIONING).exists():
+        raise ConfigError(f"--history {folder}: is the folder of a commissioning; name another one for the history")
+    if not folder.is_dir() or ((folder / VESSEL).is_file() and (folder / LOGS).is_dir()):
+        return
+    for path in sorted(folder.iterdir()):
+        begun = path.name == LOGS and path.is_dir() and not any(path.iterdir())
+        if not begun and not path.name.startswith(f".{VESSEL}."):
+            raise ConfigError(f"--history {folder}: holds {path.name}, and no history; name a new or an empty folder")
+
+
+def _read(paths: Iterable[Path], kind: type[T]) -> list[T]:
     out = []
-    for path in sorted(folder.glob("*.json")):
+    for path in sorted(paths):
         try:
             out.append(msgspec.json.decode(path.read_bytes(), type=kind))
         except msgspec.DecodeError as error:
-            raise ConfigError(f"{path}: damaged ({error}); move it away and name its log again") from None
+            todo = "name its log again" if kind is MissionEntry else f"{path.stem}.toml with it, then --accept again"
+            raise ConfigError(f"{path}: damaged ({error}); move it away and {todo}") from None
     return out

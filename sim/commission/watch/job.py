@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from companion.core.configuration.site_file import Site
@@ -19,13 +20,12 @@ from companion.logs.log_file import LogError, LogFile
 from companion.logs.readers.read_run import ReadOptions, read_run
 from companion.logs.runs.fingerprint import fingerprint
 from companion.logs.runs.problems import problem_sentences, problems
-from companion.logs.runs.run import Run
+from companion.logs.runs.run import Run, RunMeta
 from sim.commission.watch.causes import Watched, watched
 from sim.commission.watch.course import BoatCourse, course
 from sim.commission.watch.history import (
     PAGE,
     PROPOSED,
-    VESSEL,
     History,
     MissionEntry,
     changed_by_hand,
@@ -41,6 +41,7 @@ from sim.whole_file import write_whole
 
 UNUSABLE = (LogError, ValueError, OSError, np.linalg.LinAlgError)
 """Of a log that cannot be read or fitted: RunError, StructuredFitError and JobError are ValueErrors."""
+NOT_STATED = RunMeta().vessel
 Say = Callable[[str, float], None]
 
 
@@ -51,7 +52,7 @@ class Outcome:
     `in_part`: of the known ones, those that share positions with another log of the history, in words.
     `doubtful`: why what logs that were taken in say may be wrong, and how to take them out again, in words.
     `course`: None without any log; `told`: changes that were not told before; `in_force`: name of the vessel file in
-    force, `since`: its first mission (index).
+    force, `since`: its missions (indices).
     """
 
     taken: tuple[str, ...]
@@ -62,11 +63,16 @@ class Outcome:
     course: BoatCourse | None
     told: tuple[int, ...]
     in_force: str
-    since: int
+    since: tuple[int, ...]
 
 
 def watch(
-    history: History, logs: Sequence[Path], site: Site | None = None, say: Say = lambda _text, _share: None
+    history: History,
+    logs: Sequence[Path],
+    site: Site | None = None,
+    say: Say = lambda _text, _share: None,
+    *,
+    now_unix_s: float,
 ) -> Outcome:
     """Take `logs` into `history`; write the proposed file and the page. Raises ConfigError, OSError."""
     proposed = history.folder / PROPOSED
@@ -78,7 +84,7 @@ def watch(
     for i, path in enumerate(logs):
         say(path.name, i / len(logs))
         try:
-            entry = _entry(history, path, site)
+            entry = _entry(history, path, site, now_unix_s)
         except UNUSABLE as error:
             unusable.append(_why(path, error))
             continue
@@ -93,29 +99,28 @@ def watch(
         taken.append(str(path))
     found = course_of(history) if taken else found
     told = tuple(i for i, change in enumerate(_changes(history, found)) if change not in old)
-    last = history.accepted[-1] if history.accepted else None
-    since = sum(last is not None and entry.begin_unix_s <= last.until_unix_s for entry in history.entries)
-    in_force = last.file if last else VESSEL
-    outcome = Outcome(
-        tuple(taken), tuple(known), tuple(unusable), tuple(in_part), tuple(doubtful), found, told, in_force, since
-    )
     if found:
         write_whole(proposed, marked(proposal(history, found)).encode())
-        write_whole(history.folder / PAGE, history_page(history, found, since, in_force).encode())
-    return outcome
+        write_whole(history.folder / PAGE, history_page(history, found).encode())
+    return Outcome(
+        tuple(taken), tuple(known), tuple(unusable), tuple(in_part), tuple(doubtful), found, told, history.in_force,
+        history.since,
+    )  # fmt: skip
 
 
-def accept(history: History) -> Path:
-    """Write the proposed file under a new name: a person has said yes. Raises ConfigError, OSError."""
+def accept(history: History, now_unix_s: float) -> Path:
+    """Write the proposed file under a new name: a person has said yes; then the page. Raises ConfigError, OSError."""
     path, found = history.folder / PROPOSED, course_of(history)
     if found is None:
         raise ConfigError(f"--history {history.folder}: holds no log yet; name one, then there is a file to accept")
     if changed_by_hand(path):
         raise ConfigError(f"{path}: was changed by hand; use it under a name of its own, or move it away")
     theta = found.missions[-1].belief.mean
-    if history.accepted and history.accepted[-1].until_unix_s >= history.entries[-1].begin_unix_s:
-        raise ConfigError(f"{history.folder / history.accepted[-1].file}: was accepted, and no mission has come since")
-    return history.accept(proposal(history, found), found.watched.names, theta)
+    if history.is_accepted:
+        raise ConfigError(f"{history.folder / history.in_force}: was accepted, and no mission has come since")
+    accepted = history.accept(proposal(history, found), found.watched.names, theta, now_unix_s)
+    write_whole(history.folder / PAGE, history_page(history, found).encode())
+    return accepted
 
 
 def proposal(history: History, found: BoatCourse) -> str:
@@ -149,40 +154,52 @@ def _changes(history: History, found: BoatCourse | None) -> list[tuple[str, str]
     return [(change.cause.name, history.entries[change.told].data_sha256) for change in changes]
 
 
-def _entry(history: History, path: Path, site: Site | None) -> MissionEntry | str:
+def _entry(history: History, path: Path, site: Site | None, now_unix_s: float) -> MissionEntry | str:
     """What the log says; where it is in the history already a sentence if only a part of it is, or nothing."""
     content = file_sha256(path)
     if history.holds_file(content):
         return ""
     run = read_run(path, ReadOptions(history.vessel, site))
+    log = LogFile(path) if path.suffix.lower() == ".mcap" else None
+    _reject_other_boat(run, log, history.vessel.name)
     if history.holds_data(run.data_hash):
         return ""
     marks = fingerprint(run)
     if other := history.overlapping(marks):
         return f"{path}: one recording with {other}, which is in the history: not taken in again"
-    begin_s, by_file = _begin_unix_s(path, run, history.vessel.name)
+    begin_s, by_file = _begin_unix_s(path, run, log)
     reject_swapped_columns(run)
     found = mission_information(run, history.vessel)
     if not np.isfinite(found.precision).all() or not np.isfinite(found.eta).all():
         raise ValueError("the fit ran away: is it a log of this boat?")
-    return MissionEntry(
+    entry = MissionEntry(
         log=str(path), file_sha256=content, data_sha256=run.data_hash, begin_unix_s=begin_s, duration_s=run.duration_s,
         names=found.names, precision=found.precision.tolist(), eta=found.eta.tolist(), day=dict(found.day),
         latent=found.latent, thrust=found.thrust, marks=tuple(marks.tolist()),
         doubts=tuple(problem_sentences({str(path): problems(run)})), begin_by_file=by_file,
     )  # fmt: skip
+    if begin_s <= now_unix_s:
+        return entry
+    ahead = (
+        f"{path}: began {when(entry)}, which is later than now: its clock was ahead, or this computer's is behind. "
+        "Until then it stands after every other mission."
+    )
+    return msgspec.structs.replace(entry, doubts=(*entry.doubts, ahead))
 
 
-def _begin_unix_s(path: Path, run: Run, name: str) -> tuple[float, bool]:
+def _reject_other_boat(run: Run, log: LogFile | None, name: str) -> None:
+    """ValueError where a log says that it is of another boat. `log`: of ours, whose run is called as it was read."""
+    own = log.metadata.get("vessel", NOT_STATED) if log else run.meta.vessel
+    if own not in (name, NOT_STATED):
+        raise ValueError(f"is of the boat {own}, the history is of {name}: name its own history")
+
+
+def _begin_unix_s(path: Path, run: Run, log: LogFile | None) -> tuple[float, bool]:
     """Begin of a log by its wall clock; where it has none, by the time of its file less its duration, and whether so.
 
-    ValueError where a log of ours is of another boat.
+    `log`: of ours.
     """
-    if path.suffix.lower() == ".mcap":
-        log = LogFile(path)
-        own = log.metadata.get("vessel", name)
-        if own != name:
-            raise ValueError(f"is of the boat {own}, the history is of {name}")
+    if log:
         if log.wall_offset_ns:
             return (run.meta.zero_ns + log.wall_offset_ns) * 1e-9, False
     elif "Unix" in run.meta.clock:

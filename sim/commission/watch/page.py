@@ -14,18 +14,19 @@ from sim.fitting.validate.table import ScoreTable
 HEAD = ("mission", "begin", "log", "current [m/s]", "unexplained [%]", "s²", "gain [nats]", "best change [nats]", "")
 
 
-def history_page(history: History, course: BoatCourse, since: int, in_force: str) -> str:
-    """The page as text; `since`: first mission (index) of the vessel file `in_force`."""
+def history_page(history: History, course: BoatCourse) -> str:
+    """The page as text."""
     told = tuple(change_sentence(change, history.entries) for change in course.changes)
     doubts = tuple(doubt for entry in history.entries for doubt in entry.doubts)
+    then = "It is the proposed one." if history.is_accepted else "`--accept` puts the proposed one in its place."
     nothing = (f"Nothing has changed that {counted(len(course.missions), 'mission')} can show.",)
     sections = [
         Section("Changes", told or nothing, look=bool(told)),
         Section(
             "Proposed vessel file",
             (
-                *proposal_sentences(course, since),
-                f"In force: {in_force}. `--accept` puts the proposed one in its place.",
+                *proposal_sentences(course, history.since),
+                f"In force: {history.in_force}. {then}",
             ),
         ),
         Section(

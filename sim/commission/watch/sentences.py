@@ -49,13 +49,13 @@ def _what(change: ToldChange, size: str) -> str:
     }[kind]
 
 
-def proposal_sentences(course: BoatCourse, since: int) -> list[str]:
-    """What the proposed file is worth on missions that it had not seen; `since`: first mission of the file in force.
+def proposal_sentences(course: BoatCourse, since: Sequence[int]) -> list[str]:
+    """What the proposed file is worth on missions that it had not seen; `since`: those of the file in force (indices).
 
     Missions before a change was told say nothing of a file with the change in it.
     """
-    begin = max(since, 1, *(change.told + 1 for change in course.changes))
-    judged = [m.gain_nats for m in course.missions[begin:]]
+    begin = max([1, *(change.told + 1 for change in course.changes)])
+    judged = [course.missions[i].gain_nats for i in since if i >= begin]
     if not judged:
         return ["No mission has judged the proposed file yet that it had not seen: the next one will."]
     total = sum(judged)

@@ -12,12 +12,13 @@ import psutil
 import pytest
 
 from companion.boat.load_run import EXAMPLES, load_setup
+from companion.boat.recorder import Recorder
 from companion.cli.commission import COMMISSIONED, fly_on, write
 from companion.cli.interrupts import ended_as_by_ctrl_c
 from companion.cli.options.setup import setup_instead
 from companion.core.configuration.tables import ConfigError
 from companion.core.excitation.file import Excitation, Pulses, excitation_toml
-from companion.core.messages import ExcitationStatus
+from companion.core.messages import Alert, ExcitationStatus, Message, ModeStatus
 from companion.logs.log_file import LogFile
 from companion.python_child import python
 from sim.commission import boats
@@ -178,19 +179,62 @@ def test_a_boat_does_not_drive_on_where_its_commissioning_is_asked_to_end(tmp_pa
     assert not psutil.pid_exists(int(there.read_text()))
 
 
-@pytest.mark.alone
-@pytest.mark.long
-def test_a_flight_on_real_wires_leaves_its_log_in_its_folder(tmp_path):
+def flight(folder: Path) -> dict[str, str]:
+    """Files of a flight of pulses, in `folder`, which is made."""
     one = Pulses(name="each thruster", levels=(0.3,), on_s=0.2, off_s=0.3)
     plan = Excitation(format=1, name="signs", homing=False, segments=(one,))
     setup = load_setup(EXAMPLES / "aritra.toml")
     files = {**setup.files, "excitation.toml": excitation_toml(plan)}
     for old, new in (("boats/aritra", "vessel"), ("sites/basin", "site"), ("missions/square", "mission")):
         files["run.toml"] = files["run.toml"].replace(f'"{old}.toml"', f'"{new}.toml"')
-    folder = tmp_path / "01-signs"
     folder.mkdir()
     for name, text in files.items():
         (folder / name).write_text(text)
+    return files
+
+
+IMPATIENT = """
+import sys
+from companion.__main__ import main
+from companion.cli.boat import run
+run.SWITCH_ON_S = 1.0
+sys.exit(main(sys.argv[1:]))
+"""
+"""`aritra` whose run waits a second for the autopilot, not a minute."""
+
+
+@pytest.mark.long
+def test_a_flight_without_an_autopilot_ends_and_says_so(tmp_path, monkeypatch):
+    """Its run waited for an operator, for a quarter of an hour."""
+    monkeypatch.setattr(boats, "LIMIT_S", 120.0)
+    monkeypatch.setattr(boats, "dependent_aritra", lambda *words: python("-c", IMPATIENT, *words))
+    files = flight(folder := tmp_path / "01-signs")
+    wires = ("--mavlink", f"pty:{tmp_path / 'nobody'}", "--uwb", f"pty:{tmp_path / 'no tag'}")
+    flown = RealBoat(wires).fly(files, folder, lambda _text: None)
+    assert flown == boats.Flown(False, "excite expired: it waited for an autopilot; give it again")
+
+
+def log_of(path: Path, *messages: Message) -> Path:
+    """A log of these messages."""
+    with Recorder(path, {}, lambda: 0, wall_offset_ns=0, background=False) as recorder:
+        for message in messages:
+            recorder.record(message)
+    return path
+
+
+def test_why_a_flight_ended_is_the_last_that_its_log_says(tmp_path):
+    text = "excite expired: it waited for an autopilot; give it again"
+    gone, idle = Alert(t_ns=1, level="warning", text=text), ModeStatus(t_ns=2, mode="idle", why="waits", driving=False)
+    safe = ModeStatus(t_ns=3, mode="safe", why="no heartbeat", driving=False)
+    assert boats._last_reason(log_of(tmp_path / "1.mcap", idle, gone, idle)) == text
+    assert boats._last_reason(log_of(tmp_path / "2.mcap", gone, idle, safe)) == "safe: no heartbeat"
+    assert boats._last_reason(log_of(tmp_path / "3.mcap", idle)) == "idle: waits"
+
+
+@pytest.mark.alone
+@pytest.mark.long
+def test_a_flight_on_real_wires_leaves_its_log_in_its_folder(tmp_path):
+    files = flight(folder := tmp_path / "01-signs")
     with boat_processes(tmp_path, None, Path("scaled.param")) as boat:
         wires = ("--mavlink", boat.url, "--uwb", f"serial:{boat.tag}:115200", "--unchecked")
         flown = RealBoat(wires).fly(files, folder, lambda _text: None)

@@ -3,7 +3,7 @@
 import pytest
 
 from companion.cli.boat.run_end import RunEnd
-from companion.core.messages import ExcitationStatus, ModeStatus
+from companion.core.messages import Alert, ExcitationStatus, ModeStatus, OperatorCommand
 
 S = 1_000_000_000
 
@@ -41,3 +41,30 @@ def test_it_ends_after_five_seconds_and_a_minute_after_an_operators_stop(message
 def test_without_a_time_it_never_ends():
     end = RunEnd(None)
     assert not any(end.see(mode(t, "safe")) for t in range(1000)) and not end.stopped
+
+
+def expired(t_s, order):
+    text = f"{order} expired: it waited for an autopilot; give it again"
+    return Alert(t_ns=t_s * S, level="warning", text=text)
+
+
+@pytest.mark.parametrize(
+    ("order", "alert", "ends"), [("excite", "excite", True), ("excite", "start", False), ("", "start", False)]
+)
+def test_a_run_whose_order_to_begin_expired_ends_at_once(order, alert, ends):
+    """It waited for an operator who was not there, for ever."""
+    end = RunEnd(5.0, order)
+    assert [end.see(mode(1, "idle")), end.see(expired(60, alert))] == [False, ends]
+    assert end.stopped == ends
+
+
+def test_without_a_time_an_order_that_expired_ends_nothing():
+    end = RunEnd(None, "start")
+    assert not end.see(expired(60, "start")) and not end.stopped
+
+
+@pytest.mark.parametrize(("order", "ends"), [("start", True), ("", False)])
+def test_a_stop_before_it_has_begun_ends_it_after_a_minute(order, ends):
+    end = RunEnd(5.0, order)
+    seen = [OperatorCommand(t_ns=3 * S, command="stop"), *(mode(t, "idle") for t in range(4, 65))]
+    assert [end.see(message) for message in seen] == (len(seen) - 1) * [False] + [ends]

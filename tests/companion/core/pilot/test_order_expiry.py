@@ -3,7 +3,7 @@
 import pytest
 
 from companion.core.pilot.modes import MODES, WANTED, ModeState
-from companion.core.pilot.order_expiry import NOBODY_S, WAITS_S, expiry
+from companion.core.pilot.order_expiry import NOBODY_S, WAITS_S, expiry, has_expired
 from companion.core.pilot.state import PilotState
 
 S = 1_000_000_000
@@ -21,6 +21,7 @@ def test_it_waits_so_long_and_no_longer(heartbeat_ns, limit_s):
     for order, wanted in WANTED.items():
         why = expiry(waiting(wanted=wanted), heartbeat_ns, until_ns + 1)
         assert why == f"{order} expired after {limit_s:.0f} s (no heartbeat): give it again"
+        assert why and has_expired(order, why) and not has_expired("manual", why)
 
 
 def test_a_short_silence_long_after_the_order_is_waited_for():

@@ -64,11 +64,22 @@ def after(gains: list[float], changes: tuple[ToldChange, ...] = ()) -> BoatCours
     return BoatCourse(WATCHED, missions, changes)
 
 
+def worth(found: BoatCourse) -> str:
+    """The sentence of a history in which no file was accepted."""
+    return proposal_sentences(found, range(len(found.missions)))[0]
+
+
+def test_missions_of_an_earlier_file_do_not_judge_the_proposed_one():
+    found = after([0.0, -50.0, 4.0, 6.0])
+    assert "+10.0 nats in 2 missions, better in 2 of them, +6.0 in the newest" in proposal_sentences(found, (2, 3))[0]
+    assert "+4.0 nats in 1 mission, better" in proposal_sentences(found, (0, 2))[0], "the first has nothing before it"
+
+
 def test_a_proposed_file_is_judged_by_missions_that_it_had_not_seen():
-    assert "better than" in proposal_sentences(after([0.0, 4.0, 5.0]), 0)[0]
-    assert "worse than" in proposal_sentences(after([0.0, -4.0, -5.0]), 0)[0]
-    assert "as good as" in proposal_sentences(after([99.0, 1.0, -1.0]), 0)[0]
-    assert "No mission has judged" in proposal_sentences(after([0.0]), 0)[0]
+    assert "better than" in worth(after([0.0, 4.0, 5.0]))
+    assert "worse than" in worth(after([0.0, -4.0, -5.0]))
+    assert "as good as" in worth(after([99.0, 1.0, -1.0]))
+    assert "No mission has judged" in worth(after([0.0]))
 
 
 @pytest.mark.parametrize("missions", [1, 2, 5])
@@ -79,5 +90,5 @@ def test_missions_are_whole_numbers_on_the_axis_of_the_history(missions):
 
 def test_missions_before_a_change_was_told_do_not_judge_a_file_with_the_change():
     told = change("hull_fouling", 0.3, 0.02, told=2)
-    assert "No mission has judged" in proposal_sentences(after([0.0, 4.0, -50.0], (told,)), 0)[0]
-    assert "+6.0 nats in 1 mission, better" in proposal_sentences(after([0.0, 4.0, -50.0, 6.0], (told,)), 0)[0]
+    assert "No mission has judged" in worth(after([0.0, 4.0, -50.0], (told,)))
+    assert "+6.0 nats in 1 mission, better" in worth(after([0.0, 4.0, -50.0, 6.0], (told,)))

@@ -57,7 +57,18 @@ def test_logs_are_taken_in_once_a_bad_one_is_named_and_a_yes_writes_a_new_file(t
     assert watch(history, "--accept") == 0
     accepted = history / "accepted-01.toml"
     assert load_vessel(accepted.read_text(), name="x").name == "aritra"
+    assert "In force: accepted-01.toml" in (history / "history.html").read_text()
+    capsys.readouterr()
     assert exit_code(*["watch", "--vessel", str(accepted), "--history", str(history)]) == 0
+    assert "look:" not in capsys.readouterr().out
+
+
+def test_a_vessel_file_that_is_no_longer_in_force_is_taken_and_said(tmp_path, logs, capsys):
+    assert watch(tmp_path, logs[0]) == watch(tmp_path, "--accept") == 0
+    assert "look:" not in capsys.readouterr().out
+    assert watch(tmp_path) == 0
+    text = f"look: --vessel is vessel.toml of this history; in force, and what missions are judged by, is {tmp_path}"
+    assert f"{text}/accepted-01.toml: " in capsys.readouterr().out
 
 
 def test_what_is_wrong_is_said_in_one_sentence(tmp_path, logs, capsys):

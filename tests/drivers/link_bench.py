@@ -10,8 +10,8 @@ import pytest
 
 from companion.core.messages import LinkStatus, Message, StatusText
 from drivers.link import DeviceLink, LinkTiming
-from tests.support.memory_port import MemoryPort
-from tests.support.sim_clock import SimClock
+from tests.support.stand_ins.memory_port import MemoryPort
+from tests.support.stand_ins.sim_clock import SimClock
 
 SECOND = 10**9
 TIMING = LinkTiming(stale_after_s=1.2, lost_after_s=4.0)

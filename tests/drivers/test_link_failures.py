@@ -16,8 +16,8 @@ from drivers.ports.serial_line import SerialPort
 from drivers.ports.udp import UdpServerPort
 from tests.drivers.link_bench import CYCLE, SECOND, Bench, Lines, live
 from tests.drivers.ports.port_pairs import HOST, free_port, run
-from tests.support.memory_port import memory_pair
-from tests.support.sim_clock import SimClock
+from tests.support.stand_ins.memory_port import memory_pair
+from tests.support.stand_ins.sim_clock import SimClock
 
 
 @pytest.mark.parametrize("how", ["end", "error"])

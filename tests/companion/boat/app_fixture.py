@@ -17,8 +17,8 @@ from drivers.mavlink.codec import MavlinkCodec
 from drivers.uwb import uwb_codec
 from sim.world.world import STEP_NS, World, WorldSetup
 from tests.support.drive_fixture import START, nmpc, pilot, setup
-from tests.support.memory_port import memory_pair
-from tests.support.sim_clock import SimClock
+from tests.support.stand_ins.memory_port import memory_pair
+from tests.support.stand_ins.sim_clock import SimClock
 
 S = 1_000_000_000
 THRUSTERS = (9, 10, 11, 12)

@@ -16,8 +16,8 @@ from drivers.mavlink.gcs_firewall import GcsFirewall
 from drivers.mavlink.statustext import ChunkJoiner
 from drivers.ports.udp import UdpClientPort
 from tests.companion.boat.app_fixture import Bench, neutral
-from tests.support.memory_port import memory_pair
-from tests.support.sim_clock import SimClock
+from tests.support.stand_ins.memory_port import memory_pair
+from tests.support.stand_ins.sim_clock import SimClock
 
 S = 1_000_000_000
 ENCODER = MavlinkCodec(1, 191, 1).encoder

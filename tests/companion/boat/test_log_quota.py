@@ -27,7 +27,7 @@ from companion.core.configuration.run_file import load_run
 from companion.core.configuration.tables import ConfigError
 from companion.logs.part_files import part_path
 from tests.support.drive_fixture import setup
-from tests.support.sim_clock import SimClock
+from tests.support.stand_ins.sim_clock import SimClock
 
 NOW_S = 1_800_000_000.0
 RUNNING = "aritra-20270115-080000.mcap"

@@ -15,7 +15,7 @@ from companion.core.messages import Alert, OperatorCommand, OverrideLease
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.signing import EPOCH_NS, Signing, SigningKey
 from tests.companion.boat.app_fixture import Bench, neutral
-from tests.support.sim_clock import SimClock
+from tests.support.stand_ins.sim_clock import SimClock
 
 SECRET = bytes(range(200, 232))
 OTHER = bytes(range(60, 92))

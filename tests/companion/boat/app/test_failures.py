@@ -19,7 +19,7 @@ from companion.core.pilot.pilot import Pilot
 from tests.companion.boat.app.ending import ends_in_order
 from tests.companion.boat.app.shell_faults import IN_THE_SHELL
 from tests.companion.boat.app_fixture import Bench, S, neutral, released
-from tests.support.memory_port import memory_pair
+from tests.support.stand_ins.memory_port import memory_pair
 
 
 class Mind(Pilot):

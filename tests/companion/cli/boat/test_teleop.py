@@ -23,7 +23,7 @@ from companion.core.messages import (
     StateEstimate,
 )
 from tests.support.drive_fixture import setup
-from tests.support.sim_clock import SimClock
+from tests.support.stand_ins.sim_clock import SimClock
 
 S = 1_000_000_000
 

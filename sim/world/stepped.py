@@ -40,7 +40,7 @@ Record = Callable[[Message, int], None]
 
 
 class SteppedWorld(Protocol):
-    """What a stepped run asks of a world: `World`, or a real firmware in it (`sim.world.sitl.firmware_world`)."""
+    """What a stepped run asks of a world: `World`, or a real firmware in it (`FirmwareWorld` of the tests)."""
 
     @property
     def t_ns(self) -> int:

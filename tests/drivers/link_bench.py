@@ -8,10 +8,10 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import pytest
 
-from companion.boat.clock import SimClock
 from companion.core.messages import LinkStatus, Message, StatusText
 from drivers.link import DeviceLink, LinkTiming
-from drivers.ports.memory import MemoryPort
+from tests.support.stand_ins.memory_port import MemoryPort
+from tests.support.stand_ins.sim_clock import SimClock
 
 SECOND = 10**9
 TIMING = LinkTiming(stale_after_s=1.2, lost_after_s=4.0)

@@ -7,9 +7,9 @@ import fcntl
 import os
 import termios
 
-from companion.boat.clock import SimClock
 from drivers.sticks.device import GamepadDevice
 from tests.drivers.test_keyboard_gamepad import CODES, MS, NEUTRAL, S, event, opened
+from tests.support.stand_ins.sim_clock import SimClock
 
 
 def play(path, story, codes=CODES):

@@ -8,15 +8,16 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from companion.boat.clock import BoatClock, SimClock
+from companion.boat.clock import BoatClock
 from companion.core.messages import LinkStatus, Message, StatusText
 from drivers.link import DeviceLink
-from drivers.ports.memory import memory_pair
 from drivers.ports.pseudo_terminal import PtyPort
 from drivers.ports.serial_line import SerialPort
 from drivers.ports.udp import UdpServerPort
 from tests.drivers.link_bench import CYCLE, SECOND, Bench, Lines, live
 from tests.drivers.ports.port_pairs import HOST, free_port, run
+from tests.support.stand_ins.memory_port import memory_pair
+from tests.support.stand_ins.sim_clock import SimClock
 
 
 @pytest.mark.parametrize("how", ["end", "error"])

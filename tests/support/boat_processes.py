@@ -22,7 +22,7 @@ from pathlib import Path
 from companion.core.messages import GroundTruth
 from companion.logs.log_file import LogFile
 from companion.python_child import aritra
-from sim.world.sitl.firmware_world import HERE
+from tests.support.autopilots.firmware_world import HERE
 
 ENV = {**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "160"}
 START = 8.0, 8.0, 20.0

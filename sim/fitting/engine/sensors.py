@@ -27,6 +27,15 @@ from sim.fitting.engine.windows import PSI, RATE, SURGE, SWAY, Windows
 TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # cross product with a unit yaw rate: r TURN l = omega x l
 
 
+def whitened(error: np.ndarray, windows: Windows, noise: Noise) -> np.ndarray:
+    """Errors of the IMU (W, K, 4) in the order of `CHANNELS` by their noise; those of heading wander."""
+    out = error / np.array(noise.white)
+    known = np.isfinite(error[..., PSI])
+    psi = whiten(np.where(known, error[..., PSI], 0.0)[..., None], known, windows.h_s, noise)
+    out[..., PSI] = np.where(known, psi[..., 0], np.nan)
+    return out
+
+
 @dataclass(frozen=True)
 class ImuResiduals:
     """Heading, yaw rate and specific force of all windows."""
@@ -46,12 +55,7 @@ class ImuResiduals:
         psi = x[..., 2] + z[:, None, OFFSET] + fade(self.windows, noise) * z[:, None, WANDER]
         a_x, a_y = point_acceleration(np.moveaxis(x[..., 3:], -1, 0), np.moveaxis(nd, -1, 0), self.arm_m(q))
         biased = [x[..., 5] + z[:, None, BIAS_R], a_x + z[:, None, BIAS_AX], a_y + z[:, None, BIAS_AY]]
-        error = np.stack([psi, *biased], axis=2) - self.windows.y
-        out = error / np.array(noise.white)
-        known = np.isfinite(error[..., PSI])
-        white = whiten(np.where(known, error[..., PSI], 0.0)[..., None], known, self.windows.h_s, noise)
-        out[..., PSI] = np.where(known, white[..., 0], np.nan)
-        return out
+        return whitened(np.stack([psi, *biased], axis=2) - self.windows.y, self.windows, noise)
 
     def add_own(self, rows: np.ndarray, motion: WindowMotion, part: slice, noise: Noise) -> None:
         """Write the derivatives by the lever arm into `rows` (w, K, 4, L + P) of the windows `part`."""

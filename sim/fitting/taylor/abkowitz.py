@@ -10,7 +10,7 @@ It is a reference to compare the paper with, not a simulator. Simulated with the
   a moment of 0.3 kgf m within 66 s, and 94 % of runs of 60 s with random constant thrust within the limits.
 - C_y = 0: sway force has no effect (no sway data was in the fit).
 
-So `outside` says where its own series still is one.
+So `sim/studies/paper/validity.py` says where its own series still is one.
 Units: t is in kgf and kgf m (the paper's thrust limits are kgf of the T200 at 16 V; C_x would mean 112 kg of
 surge inertia were t in N, and 1.1 t in kgf: the paper does not settle it). The interface here takes N, N m.
 """
@@ -31,37 +31,6 @@ KGF_N = GRAVITY_M_S2
 
 C = np.array([table.SURGE, table.SWAY, table.YAW])
 """Coefficients, shape (3, 23)."""
-
-
-@dataclass(frozen=True)
-class Range:
-    """Interval of one quantity within which the model is valid, with the reason for its ends."""
-
-    name: str
-    low: float
-    high: float
-    why: str
-
-
-VALIDITY = (
-    Range("u_m_s", 0.43, 0.85, "here a small deviation from straight running shrinks; below 0.41 it grows"),
-    Range("v_m_s", -0.22, 0.22, "sway damping dY/dv changes sign at -0.229 (and at 0.275)"),
-    Range("r_rad_s", -0.57, 0.57, "there the cubic yaw term is as large as the linear one"),
-    Range("X_N", -4 * KGF_N, 4 * KGF_N, "assumed: the thrust of the paper's closed loop on legs, doubled"),
-    Range("Y_N", -0.5 * KGF_N, 0.5 * KGF_N, "no sway force was in the data: 0, and a margin assumed"),
-    Range("N_N_m", -0.75 * KGF_N, 0.75 * KGF_N, "holds r = 0.57 rad/s"),
-)
-"""The validity box over [u v r X Y N]. Defended by tests/sim/studies/test_abkowitz.py; the data is not published."""
-
-
-def outside(nu: Any, tau: Any) -> tuple[str, ...]:
-    """A text for each quantity outside the validity box; empty inside. nu [m/s, m/s, rad/s], tau [N, N, N m]."""
-    values = [*np.asarray(nu, dtype=float), *np.asarray(tau, dtype=float)]
-    return tuple(
-        f"{limit.name} = {value:.3g} is outside {limit.low:.3g} to {limit.high:.3g} ({limit.why})"
-        for limit, value in zip(VALIDITY, values, strict=True)
-        if not limit.low <= value <= limit.high
-    )
 
 
 def regressor(nu: Any, t: Any) -> list[Any]:

@@ -23,8 +23,10 @@ import numpy as np
 from companion.core.geometry.frames import ssa
 from companion.core.guidance.path import Path, Waypoint, los_heading
 from companion.core.model.integrate import eta_dot, rk4
-from sim.bench.controller.paper_problem import PAPER, PaperNmpc, PaperSettings
-from sim.fitting.taylor.abkowitz import KGF_N, AbkowitzModel, outside
+from sim.bench.controller.paper_problem import PAPER, PaperSettings
+from sim.fitting.taylor.abkowitz import KGF_N, AbkowitzModel
+from sim.studies.paper.nmpc import PaperNmpc
+from sim.studies.paper.validity import outside
 
 WAYPOINTS = ((4.0, 4.0), (4.0, 20.0), (20.0, 20.0), (20.0, 8.0), (10.0, 8.0))
 """(north, east) [m] in the 30 x 30 m basin: assumed."""

@@ -1,4 +1,4 @@
-"""Logs simulated with the paper's own polynomial, inside its validity box (`abkowitz.VALIDITY`).
+"""Logs simulated with the paper's own polynomial, inside its validity box (`validity.VALIDITY`).
 
 A pilot draws a desired speed and yaw rate every second and commands t_x, t_n in proportion to the error, held over the
 second and with a random part, so that forces are no function of the state. t_y is random, though Table 2 gives it no
@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fitting.taylor.abkowitz import KGF_N, VALIDITY, C
+from sim.fitting.taylor.abkowitz import KGF_N, C
 from sim.fitting.taylor.regression import Samples, design
 from sim.fitting.taylor.taylor_file import simulate_taylor
+from sim.studies.paper.validity import VALIDITY
 
 LOW = np.array([r.low for r in VALIDITY[:3]])
 HIGH = np.array([r.high for r in VALIDITY[:3]])

@@ -10,15 +10,15 @@ from itertools import groupby, pairwise
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
 from companion.boat.app import App
-from companion.boat.clock import SimClock
 from companion.boat.recorder import Recorder
 from companion.core.messages import Alert, LinkStatus, OperatorCommand, Tick
 from companion.logs.metadata import log_metadata
 from drivers.mavlink.codec import MavlinkCodec
-from drivers.ports.memory import memory_pair
 from drivers.uwb import uwb_codec
 from sim.world.world import STEP_NS, World, WorldSetup
 from tests.support.drive_fixture import START, nmpc, pilot, setup
+from tests.support.stand_ins.memory_port import memory_pair
+from tests.support.stand_ins.sim_clock import SimClock
 
 S = 1_000_000_000
 THRUSTERS = (9, 10, 11, 12)

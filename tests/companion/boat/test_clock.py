@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.boat.clock import BoatClock, Clock, SimClock
+from companion.boat.clock import BoatClock, Clock
+from tests.support.stand_ins.sim_clock import SimClock
 
 HOUR_NS = 3600 * 10**9
 

@@ -7,16 +7,17 @@ import socket
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
-from companion.boat.clock import BoatClock, SimClock
+from companion.boat.clock import BoatClock
 from companion.boat.gcs_forward import GcsForward
 from companion.core.messages import Alert, OverrideLease
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.framing import Framer
 from drivers.mavlink.gcs_firewall import GcsFirewall
 from drivers.mavlink.statustext import ChunkJoiner
-from drivers.ports.memory import memory_pair
 from drivers.ports.udp import UdpClientPort
 from tests.companion.boat.app_fixture import Bench, neutral
+from tests.support.stand_ins.memory_port import memory_pair
+from tests.support.stand_ins.sim_clock import SimClock
 
 S = 1_000_000_000
 ENCODER = MavlinkCodec(1, 191, 1).encoder

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.boat.clock import SimClock
 from companion.boat.load_run import setup_of
 from companion.boat.log_quota import (
     FRESH_S,
@@ -28,6 +27,7 @@ from companion.core.configuration.run_file import load_run
 from companion.core.configuration.tables import ConfigError
 from companion.logs.part_files import part_path
 from tests.support.drive_fixture import setup
+from tests.support.stand_ins.sim_clock import SimClock
 
 NOW_S = 1_800_000_000.0
 RUNNING = "aritra-20270115-080000.mcap"

@@ -8,7 +8,6 @@ import os
 import pytest
 from mcap.reader import make_reader
 
-from companion.boat.clock import SimClock
 from companion.boat.load_run import EXAMPLES
 from companion.boat.signing_key import keep_timestamp, load_key, load_timestamp, store_timestamp
 from companion.core.configuration.tables import ConfigError
@@ -16,6 +15,7 @@ from companion.core.messages import Alert, OperatorCommand, OverrideLease
 from drivers.mavlink.codec import MavlinkCodec
 from drivers.mavlink.signing import EPOCH_NS, Signing, SigningKey
 from tests.companion.boat.app_fixture import Bench, neutral
+from tests.support.stand_ins.sim_clock import SimClock
 
 SECRET = bytes(range(200, 232))
 OTHER = bytes(range(60, 92))

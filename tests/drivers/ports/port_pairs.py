@@ -4,12 +4,12 @@ import asyncio
 import socket
 from collections.abc import Awaitable, Callable
 
-from drivers.ports.memory import memory_pair
 from drivers.ports.port import Port
 from drivers.ports.pseudo_terminal import PtyPort
 from drivers.ports.serial_line import SerialPort
 from drivers.ports.tcp import TcpClientPort, TcpServerPort
 from drivers.ports.udp import UdpClientPort, UdpServerPort
+from tests.support.stand_ins.memory_port import memory_pair
 
 HOST = "127.0.0.1"
 HELLO = b"hello"

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from sim.world.environment import Weather
 from sim.world.sitl.board import DCM, EKF3_WITH_GPS
-from sim.world.sitl.firmware_world import FirmwareWorld
 from sim.world.world import World, WorldSetup
 from tests.evidence.main_job.parts import reference_boat
 from tests.support.autopilots.firmware_rig import binaries, world_with
+from tests.support.autopilots.firmware_world import FirmwareWorld
 from tests.support.drive_fixture import START
 
 READY_S = 30.0

@@ -21,7 +21,6 @@ from sim.fitting.taylor.abkowitz_table import TERMS
 from sim.fitting.taylor.pipeline import paper_motion, paper_samples, smoother_samples
 from sim.fitting.taylor.regression import TaylorFit, least_squares, noise_shift
 from sim.fitting.taylor.sindy import sindy_coefficients
-from sim.fitting.taylor.taylor_file import coefficient_table
 from sim.fitting.validate.divergence import Departure, divergence_study, divergence_table
 from sim.fitting.validate.figures import comparison, divergence, training_log
 from sim.fitting.validate.models import ConstantVelocity, TaylorSimulator, VesselSimulator
@@ -35,6 +34,7 @@ from sim.studies.boats.lab_priors import BOLLARD, measured
 from sim.studies.paper.polynomial_log import polynomial_logs
 from sim.studies.paper.recovery import differenced, noisy, recovery, through_sensors
 from sim.world.teleop_log import teleop_run
+from tests.evidence.identify.coefficient_table import coefficient_table
 from tests.evidence.line import Line, at_most, between, exactly, information
 
 ROOT = Path(__file__).resolve().parents[3]

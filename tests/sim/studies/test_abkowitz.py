@@ -5,8 +5,9 @@ import pytest
 
 from companion.core.model.thrusters import configuration_matrix
 from sim.fitting.taylor import abkowitz
-from sim.fitting.taylor.abkowitz import VALIDITY, AbkowitzModel, outside
+from sim.fitting.taylor.abkowitz import AbkowitzModel
 from sim.fitting.taylor.abkowitz_table import SURGE, SWAY, TERMS, YAW
+from sim.studies.paper.validity import VALIDITY, outside
 from tests.support.vessel_fixtures import boat
 
 B = configuration_matrix(boat("aritra"))

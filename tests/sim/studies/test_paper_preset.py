@@ -5,9 +5,10 @@ import pytest
 
 from companion.core.guidance.path import Path, Waypoint
 from companion.core.model.thrusters import configuration_matrix
-from sim.bench.controller.paper_problem import PAPER, PaperNmpc
+from sim.bench.controller.paper_problem import PAPER
 from sim.fitting.taylor.abkowitz import AbkowitzModel
 from sim.studies.paper.closed_loop import metrics, next_leg, run, variants
+from sim.studies.paper.nmpc import PaperNmpc
 from tests.support.vessel_fixtures import boat
 
 pytestmark = pytest.mark.long

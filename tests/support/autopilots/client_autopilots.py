@@ -14,11 +14,11 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as wire
 
-from sim.world.sitl.firmware_world import FirmwareWorld
 from sim.world.world import WorldSetup
 from tests.evidence.main_job.parts import reference_boat
 from tests.sim.world.autopilot.autopilot_process import booted_rover, served
 from tests.support.autopilots.firmware_rig import firmware_world
+from tests.support.autopilots.firmware_world import FirmwareWorld
 
 SETTLE_S = 30.0
 """Simulated; as in tests/evidence/firmware/dialogue.py."""

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from sim.world.sitl.firmware_world import FirmwareSetup, FirmwareWorld
 from sim.world.world import World, WorldSetup
+from tests.support.autopilots.firmware_world import FirmwareSetup, FirmwareWorld
 
 ARDUPILOT = Path(__file__).resolve().parents[3] / "deploy" / "ardupilot"
 BASIN = {"GPS1_TYPE": 0.0, "COMPASS_DEC": -0.0213}

@@ -12,10 +12,10 @@ from typing import NamedTuple
 from companion.boat.devices.autopilot_commands import NEUTRAL_PERIOD_S, NEUTRAL_REPEATS
 from companion.core.messages import GroundTruth, Heartbeat, OperatorCommand, ServoOutput
 from drivers.mavlink.encode import MavlinkEncoder
-from sim.world.sitl.firmware_world import FirmwareWorld
 from sim.world.stepped import PEER, SteppedRun
 from sim.world.world import STEP_NS, Outgoing, World
 from tests.evidence.main_job.parts import reference_boat
+from tests.support.autopilots.firmware_world import FirmwareWorld
 from tests.support.autopilots.ground_station import GroundStation
 
 THRUSTERS = 4

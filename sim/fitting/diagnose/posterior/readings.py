@@ -17,7 +17,8 @@ from sim.fitting.diagnose.posterior.physics import EffectPhysics
 from sim.fitting.diagnose.posterior.state import WindowTrajectories
 from sim.fitting.diagnose.posterior.tag_kinematics import tag_kinematics
 from sim.fitting.engine.jacobian_rows import fade
-from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, Noise, whiten
+from sim.fitting.engine.noise import BIAS_AX, BIAS_AY, BIAS_R, OFFSET, WANDER, Noise
+from sim.fitting.engine.sensors import whitened
 from sim.fitting.engine.windows import PSI, RATE, SURGE, SWAY
 
 NUDGE = 1e-6  # difference step of states and accelerations for the slopes
@@ -70,11 +71,8 @@ class Readings:
         error[..., PSI] += z[:, None, OFFSET] + fade(self.windows, noise) * z[:, None, WANDER]
         for channel, bias in ((RATE, BIAS_R), (SURGE, BIAS_AX), (SWAY, BIAS_AY)):
             error[..., channel] += z[:, None, bias]
-        out = error / np.array(noise.white)
-        known = np.isfinite(error[..., PSI])
-        psi = whiten(np.where(known, error[..., PSI], 0.0)[..., None], known, self.windows.h_s, noise)
-        out[..., PSI] = np.where(known, psi[..., 0], np.nan)
-        return out, (self.tag(effects, theta, state) - self.windows.fixes.place_m) / noise.fix_m
+        fixes = (self.tag(effects, theta, state) - self.windows.fixes.place_m) / noise.fix_m
+        return whitened(error, self.windows, noise), fixes
 
     def slopes(
         self, effects: Sequence[Effect], theta: ParameterValues, state: WindowTrajectories

@@ -16,10 +16,10 @@ from companion.core.messages import (
     Tick,
 )
 from companion.core.pilot.pilot import Pilot
-from drivers.ports.memory import memory_pair
 from tests.companion.boat.app.ending import ends_in_order
 from tests.companion.boat.app.shell_faults import IN_THE_SHELL
 from tests.companion.boat.app_fixture import Bench, S, neutral, released
+from tests.support.stand_ins.memory_port import memory_pair
 
 
 class Mind(Pilot):

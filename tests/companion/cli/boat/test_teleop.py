@@ -11,7 +11,6 @@ import tty
 import pytest
 from rich.console import Console
 
-from companion.boat.clock import SimClock
 from companion.cli.boat.teleop import TeleopConsole
 from companion.cli.boat.teleop_view import ALERTS, TeleopState, TeleopView, picture
 from companion.core.messages import (
@@ -24,6 +23,7 @@ from companion.core.messages import (
     StateEstimate,
 )
 from tests.support.drive_fixture import setup
+from tests.support.stand_ins.sim_clock import SimClock
 
 S = 1_000_000_000
 

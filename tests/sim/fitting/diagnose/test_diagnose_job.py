@@ -20,7 +20,6 @@ from companion.logs.runs.as_if_blank import DEAD_SENSOR, HELD_READINGS
 from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.diagnose import job
 from sim.fitting.diagnose.catalogue import catalogue, stochastic
-from sim.fitting.diagnose.catalogue.page import rows
 from sim.fitting.diagnose.report.findings import OUTPUTS, Adequacy, Check, Findings, Identifiability
 from sim.fitting.diagnose.report.page import report
 from sim.fitting.diagnose.report.sentences import sentences
@@ -31,6 +30,7 @@ from sim.fitting.wiring.record import WiringFinding, WiringReport
 from sim.world.teleop_log import teleop_run
 from tests.companion.command_line import exit_code
 from tests.companion.logs.readers.run_logs import clean_run
+from tests.sim.fitting.diagnose.catalogue_rows import rows
 from tests.support.vessel_fixtures import BOATS, boat
 
 VESSEL = boat("aritra")

@@ -10,19 +10,20 @@ from statsmodels.stats.outliers_influence import variance_inflation_factor
 
 from companion.core.model.thrusters import configuration_matrix, force_from_pwm
 from sim.fitting.engine.thrust.forces import body_forces, thruster_forces
-from sim.fitting.taylor.abkowitz import AbkowitzModel, C, outside
+from sim.fitting.taylor.abkowitz import AbkowitzModel, C
 from sim.fitting.taylor.abkowitz_table import TERMS
 from sim.fitting.taylor.regression import Samples, design, least_squares, noise_shift
 from sim.fitting.taylor.sindy import sindy_coefficients
 from sim.fitting.taylor.taylor_file import (
     TaylorFile,
-    coefficient_table,
     simulate_taylor,
     taylor_file,
     taylor_json,
 )
 from sim.studies.paper.polynomial_log import polynomial_logs
 from sim.studies.paper.recovery import differenced, noisy, recovery, through_sensors
+from sim.studies.paper.validity import outside
+from tests.evidence.identify.coefficient_table import coefficient_table
 from tests.support.vessel_fixtures import boat
 
 N_SAMPLES = 13840

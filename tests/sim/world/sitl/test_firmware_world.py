@@ -9,10 +9,10 @@ import psutil
 import pytest
 
 from companion.python_child import python
-from sim.world.sitl.firmware_world import FirmwareSetup, FirmwareStopped, FirmwareWorld
 from sim.world.world import WorldSetup
 from tests.evidence.main_job.parts import drive_mission, reference_boat
 from tests.support.autopilots.firmware_rig import binaries, firmware_world
+from tests.support.autopilots.firmware_world import FirmwareSetup, FirmwareStopped, FirmwareWorld
 from tests.support.boat_processes import wait_for
 
 
@@ -43,7 +43,7 @@ def test_a_program_that_is_no_firmware_is_said_to_be_so(tmp_path):
 BEGINS = """
 import sys
 from pathlib import Path
-from sim.world.sitl.firmware_world import FirmwareSetup, FirmwareWorld
+from tests.support.autopilots.firmware_world import FirmwareSetup, FirmwareWorld
 from tests.sim.world.sitl.test_firmware_world import basin
 FirmwareWorld(basin(), 1, FirmwareSetup(Path(sys.argv[1]), Path(sys.argv[2])))
 """

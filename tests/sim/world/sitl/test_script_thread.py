@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from sim.world.sitl import script_thread
-from sim.world.sitl.script_thread import NAME, ScriptThread
+from tests.support.autopilots import script_thread
+from tests.support.autopilots.script_thread import NAME, ScriptThread
 
 PID, FOREVER_S = 7, 60.0
 

@@ -1,4 +1,4 @@
-"""Two ports joined by memory: a cable for tests and for a simulator in the same process.
+"""Two ports joined by memory: a cable for tests.
 
 A cable: an end may be opened in any order, what is sent while the other end is closed is dropped and
 counted, and closing one end ends the stream at the other.

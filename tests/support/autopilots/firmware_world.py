@@ -30,8 +30,8 @@ from sim.world.sitl.backend import JsonBackend
 from sim.world.sitl.board import VOLTAGE_V
 from sim.world.sitl.physics import SitlPhysics
 from sim.world.sitl.protocol import PORT, NotServos, decode
-from sim.world.sitl.script_thread import ScriptThread
 from sim.world.world import STEP_NS, Outgoing, WorldSetup
+from tests.support.autopilots.script_thread import ScriptThread
 
 FRAME_HZ = 400
 TCP_PORT, RC_PORT = 5760, 5501

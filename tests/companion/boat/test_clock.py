@@ -1,7 +1,6 @@
 """Clocks: order of waking, exactness, an hour in no time."""
 
 import asyncio
-import time
 
 import pytest
 from hypothesis import given, settings
@@ -33,8 +32,8 @@ def test_sleepers_wake_exactly_and_in_order_however_time_is_cut(instants, steps)
     assert asyncio.run(main()) == expected
 
 
-def test_an_hour_of_ticks_takes_well_under_a_second():
-    async def main() -> tuple[int, float]:
+def test_every_tick_of_an_hour_comes():
+    async def main() -> int:
         clock, ticks = SimClock(start_ns=7), 0
 
         async def every_second() -> None:
@@ -44,16 +43,12 @@ def test_an_hour_of_ticks_takes_well_under_a_second():
                 ticks += 1
 
         task = asyncio.create_task(every_second())
-        began = time.perf_counter()
         await clock.advance(HOUR_NS)
-        spent = time.perf_counter() - began
         task.cancel()
         assert clock.now_ns() == HOUR_NS + 7
-        return ticks, spent
+        return ticks
 
-    ticks, spent = asyncio.run(main())
-    assert ticks == 3600
-    assert spent < 5.0
+    assert asyncio.run(main()) == 3600
 
 
 def test_nothing_moves_without_advance_and_time_stops_short_of_the_next_sleeper():

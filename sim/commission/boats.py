@@ -164,7 +164,7 @@ class RealBoat:
         if _is_done(folder / LOG):
             return Flown(True, "done")
         ended = f"`aritra run` ended with exit code {code}: its last lines say why"
-        return Flown(False, _last_reason(folder / LOG) or ended)
+        return Flown(False, last_reason(folder / LOG) or ended)
 
     def goes_on(self, ending: str) -> bool:
         """See `Boat`."""
@@ -194,7 +194,7 @@ def _is_done(log: Path) -> bool:
     return flown[-1] == "done" or (len(flown) == 1 and guided[-1] in ARRIVED)
 
 
-def _last_reason(log: Path) -> str:
+def last_reason(log: Path) -> str:
     """Mode at the end of a log, and why, or that the order to begin has expired; empty where it cannot be read."""
     last, expired = "", ""
     with contextlib.suppress(LogError, OSError):

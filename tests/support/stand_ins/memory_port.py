@@ -1,6 +1,6 @@
 """Two ports joined by memory: a cable for tests.
 
-A cable: an end may be opened in any order, what is sent while the other end is closed is dropped and
+A cable: an end may be plugged_in in any order, what is sent while the other end is closed is dropped and
 counted, and closing one end ends the stream at the other.
 """
 
@@ -29,66 +29,66 @@ class MemoryPort:
     def __init__(self, name: str, limit_bytes: int = LIMIT_BYTES) -> None:
         self.name = name
         self.counters = PortCounters()
-        self._inbox = SendBuffer(limit_bytes)
-        self._is_open = False
-        self._ended = False
+        self.inbox = SendBuffer(limit_bytes)
+        self.plugged_in = False
+        self.ended = False
         self._waiter: asyncio.Future[None] | None = None
 
     @property
     def is_open(self) -> bool:
         """Whether this end is plugged in."""
-        return self._is_open
+        return self.plugged_in
 
     @property
     def has_ended(self) -> bool:
         """Whether the other end has left since."""
-        return self._ended
+        return self.ended
 
     @property
     def waiting_bytes(self) -> int:
         """What has come and was not received yet."""
-        return len(self._inbox)
+        return len(self.inbox)
 
     async def open(self) -> None:
         """Plug in."""
-        if self._is_open:
+        if self.plugged_in:
             raise OSError(errno.EISCONN, "already open")
-        self._is_open, self._ended = True, False
+        self.plugged_in, self.ended = True, False
 
     async def receive(self) -> bytes:
         """The next chunk as it was sent; b"" once the other end has closed."""
-        while self._is_open:
-            if self._inbox:
-                data = bytes(self._inbox.head())
-                self._inbox.consume(len(data))
+        while self.plugged_in:
+            if self.inbox:
+                data = bytes(self.inbox.head())
+                self.inbox.consume(len(data))
                 self.counters.received_bytes += len(data)
                 return data
-            if self._ended:
+            if self.ended:
                 break
             await self._arrival()
         return b""
 
     def send(self, data: bytes) -> None:
         """Put a chunk into the other end's hands. Raises OSError where the port is not open."""
-        if not self._is_open or self._ended:
+        if not self.plugged_in or self.ended:
             raise OSError(errno.ENOTCONN, f"{self.name} is not open")
-        if not self.other._is_open:
+        if not self.other.plugged_in:
             self.counters.dropped_bytes += len(data)
             return
-        dropped = self.other._inbox.push(data)
+        dropped = self.other.inbox.push(data)
         self.counters.dropped_bytes += dropped
         self.counters.sent_bytes += len(data) - dropped
-        self.other._wake()
+        self.other.wake()
 
     async def close(self) -> None:
         """Unplug, which ends the other end's stream unless that one ended ours. May be called twice."""
-        if self._is_open:
-            self._is_open = False
-            self._inbox.clear()
-            self._wake()
-            if not self._ended:
-                self.other._ended = True
-                self.other._wake()
+        if self.plugged_in:
+            self.plugged_in = False
+            self.inbox.clear()
+            self.wake()
+            if not self.ended:
+                self.other.ended = True
+                self.other.wake()
 
     async def _arrival(self) -> None:
         if self._waiter is not None:
@@ -99,6 +99,6 @@ class MemoryPort:
         finally:
             self._waiter = None
 
-    def _wake(self) -> None:
+    def wake(self) -> None:
         if self._waiter is not None and not self._waiter.done():
             self._waiter.set_result(None)

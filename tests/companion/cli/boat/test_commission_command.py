@@ -226,9 +226,9 @@ def test_why_a_flight_ended_is_the_last_that_its_log_says(tmp_path):
     text = "excite expired: it waited for an autopilot; give it again"
     gone, idle = Alert(t_ns=1, level="warning", text=text), ModeStatus(t_ns=2, mode="idle", why="waits", driving=False)
     safe = ModeStatus(t_ns=3, mode="safe", why="no heartbeat", driving=False)
-    assert boats._last_reason(log_of(tmp_path / "1.mcap", idle, gone, idle)) == text
-    assert boats._last_reason(log_of(tmp_path / "2.mcap", gone, idle, safe)) == "safe: no heartbeat"
-    assert boats._last_reason(log_of(tmp_path / "3.mcap", idle)) == "idle: waits"
+    assert boats.last_reason(log_of(tmp_path / "1.mcap", idle, gone, idle)) == text
+    assert boats.last_reason(log_of(tmp_path / "2.mcap", gone, idle, safe)) == "safe: no heartbeat"
+    assert boats.last_reason(log_of(tmp_path / "3.mcap", idle)) == "idle: waits"
 
 
 @pytest.mark.alone

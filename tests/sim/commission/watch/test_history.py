@@ -23,8 +23,7 @@ from sim.commission.watch.mission_fit import boat_effects
 from sim.world.teleop_log import teleop_run
 from tests.support.vessel_fixtures import boat
 
-TEXT = (EXAMPLES / "boats" / "aritra.toml").read_text()
-VESSEL = boat("aritra")
+TEXT, VESSEL = (EXAMPLES / "boats" / "aritra.toml").read_text(), boat("aritra")
 NAMES = tuple(e.id for e in boat_effects(VESSEL))
 B = len(NAMES)
 NOW = 2e9
@@ -299,9 +298,3 @@ def test_an_acceptance_whose_file_was_not_written_any_more_does_not_count(tmp_pa
     again = History(tmp_path, VESSEL, TEXT)
     assert again.accepted == []
     assert job.accept(again, NOW).name == "accepted-02.toml"
-
-
-def test_an_entry_goes_through_json_without_loss():
-    made = entry(1, 0.1)
-    assert msgspec.json.decode(msgspec.json.encode(made), type=MissionEntry) == made
-    np.testing.assert_array_equal(made.information().precision, np.array(made.precision))

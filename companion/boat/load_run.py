@@ -23,7 +23,7 @@ from companion.core.geometry.frames import Origin
 from companion.core.guidance.missions.fitness import unfit_waypoints
 from companion.core.guidance.missions.mission import Mission, MissionErrors, kind_of, parse
 from companion.core.guidance.steerage import guidance_for
-from companion.core.model.actuators.propulsion import is_steered
+from companion.core.model.actuators.propulsion import is_steered, only_fixed
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.thrusters import force_from_pwm
 from companion.core.pilot.pilot import PilotSettings
@@ -35,7 +35,8 @@ EXAMPLES = Path(deploy.__file__).parent
 """The boats, sites, missions and the run file that come with the package."""
 FILES = ("vessel", "site", "mission", "excitation")
 """Keys of a run file that name other files."""
-
+WITHOUT_UWB = "--config deploy/lake.toml, a run file for GNSS"
+"""What helps somebody who has not written the run file that a boat with GNSS does not fit."""
 
 MOST_REACH = 2.0
 """Force limits over what a thruster reaches at the nominal voltage, beyond which they are taken for a slip; assumed."""
@@ -105,6 +106,8 @@ def setup_of(texts: Mapping[str, str], names: Mapping[str, str]) -> RunSetup:
         battery=run.battery,
         system_id=run.mavlink.system_id,
     )
+    if text is not None:
+        only_fixed(vessel, names["vessel.toml"], "excitations")
     pilot.flight(name)  # says what does not fit
     return RunSetup(run, pilot, texts)
 
@@ -157,7 +160,8 @@ def _device_problems(run: RunFile, vessel: VesselFile, of_run: str, of_vessel: s
     for key in ("uwb",) * (run.uwb is not None) + tuple(run.devices):
         if key not in keys:
             there = f"{of_vessel} has no table sensors.{key}" + ("" if key in DEVICES else ", and no wire is read so")
-            yield f"{of_run}: {run.wire_table(key)}: {there}: leave it out"
+            other = f", or {WITHOUT_UWB}" if key == "uwb" and vessel.sensors.gnss else ""
+            yield f"{of_run}: {run.wire_table(key)}: {there}: leave it out{other}"
     if run.vision and vessel.sensors.gnss:
         yield f"{of_run}: vision: with sensors.gnss the autopilot has a position of its own: leave the table out"
 

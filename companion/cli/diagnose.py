@@ -103,6 +103,7 @@ def diagnose(args: argparse.Namespace, console: Console | None = None) -> int:
         inputs = opened(args, (*args.logs, *args.held_out, *reference), (*findings.OUTPUTS, findings.MANOEUVRE, VESSEL))
         vessel, site = inputs.vessel, inputs.site
         more = user.user_effects(args.catalogue) if args.catalogue else (lambda _vessel: ())
+        more(vessel)  # says what is wrong with it before a log is read
         library = load_excitation(text_of(LIBRARY), name=str(LIBRARY))
         identifiability = partial(distinguishability.distinguishability, library=library, site=site, always=args.plan)
         beside = ReadOptions(vessel, site)

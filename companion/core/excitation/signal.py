@@ -87,7 +87,7 @@ def cancelling(vessel: VesselFile) -> np.ndarray:
 
 def signals(excitation: Excitation, vessel: VesselFile, *, name: str) -> tuple[Signal, ...]:
     """Every segment for this vessel. Raises ConfigError naming file and key where it asks for what it cannot give."""
-    only_fixed(vessel, name, "excitations")
+    only_fixed(vessel, f"vessel {vessel.name}", "excitations")
     return tuple(signal(s, vessel, where=f"{name}: segments[{i}]") for i, s in enumerate(excitation.segments))
 
 

@@ -24,3 +24,11 @@ def test_bench_and_excite_refuse(tmp_path, capsys):
     assert SAYS in capsys.readouterr().err
     assert main(["excite", "design", "--out", str(tmp_path / "plan.toml"), *vessel]) == 2
     assert SAYS in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["info", "fly"])
+def test_a_plan_for_such_a_boat_names_the_vessel_file(tmp_path, capsys, command):
+    vessel, plan = BOATS / "rudder.toml", BOATS.parent / "excitations" / "pulses.toml"
+    out = ["--out", str(tmp_path / "out")] if command == "fly" else []
+    assert main(["excite", command, str(plan), "--vessel", str(vessel), *out]) == 2
+    assert capsys.readouterr().err.startswith(f"aritra excite: {vessel}: excitations are {SAYS}")

@@ -81,5 +81,6 @@ def test_a_run_file_with_a_tag_is_not_for_it():
     files = {"run.toml": "aritra.toml", "site.toml": "sites/basin.toml", "mission.plan": "missions/square.plan"}
     texts = {role: (EXAMPLES / path).read_text() for role, path in files.items()} | {"vessel.toml": vessel_toml(BOAT)}
     names = {role: role for role in texts}
-    with pytest.raises(ConfigError, match=r"run\.toml: uwb: vessel\.toml has no table sensors\.uwb: leave it out"):
+    said = r"run\.toml: uwb: vessel\.toml has no table sensors\.uwb: leave it out, or --config deploy/lake\.toml"
+    with pytest.raises(ConfigError, match=said):
         setup_of(texts, names)

@@ -10,13 +10,15 @@ from typing import Any
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from sim.fitting.diagnose.catalogue.effect import Effect
+from sim.fitting.diagnose.catalogue.user_hooks import guarded, try_hooks
 
 
 def user_effects(path: Path) -> Callable[[VesselFile], Sequence[Effect]]:
-    """The file's function `effects`, whose result is checked when it is called.
+    """The file's function `effects`, whose result is checked when it is called: each hook is tried once.
 
-    ConfigError with the file's name where it cannot be run, defines no `effects`, or yields anything but `Effect`.
-    OSError where it cannot be read. The file is run as Python: name only one that you trust.
+    ConfigError with the file's name where it cannot be run, defines no `effects`, yields anything but `Effect`, or has
+    a hook that goes wrong, then or in a fit. OSError where it cannot be read. The file is run as Python:
+    name only one that you trust.
     """
     try:
         made: dict[str, Any] = run_path(str(path))
@@ -35,6 +37,9 @@ def user_effects(path: Path) -> Callable[[VesselFile], Sequence[Effect]]:
         for one in found:
             if not isinstance(one, Effect):
                 raise ConfigError(f"{path}: effects: expected Effect, found {type(one).__name__}")
+        found = tuple(guarded(one, str(path)) for one in found)
+        for one in found:
+            try_hooks(one, vessel, str(path))
         return found
 
     return checked

@@ -6,16 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.core.configuration.tables import ConfigError
 from sim.fitting.diagnose.catalogue.effect import Effect, EffectParameter
-from sim.fitting.diagnose.catalogue.user import user_effects
 from sim.fitting.diagnose.report import verdict
 from sim.fitting.diagnose.report.findings import Adequacy, verdict_of
 from sim.fitting.diagnose.selection.adequacy import AdequacyJudgement
 from sim.fitting.diagnose.selection.candidate_score import Candidate
 from sim.fitting.diagnose.selection.masking import NO_MASKING, Masking
 from sim.fitting.diagnose.selection.search import AcceptedCause, SearchResult
-from tests.support.vessel_fixtures import boat
 
 GOOD, BAD = Adequacy(passed=True), Adequacy(passed=False, depends_on=("heading",))
 
@@ -133,20 +130,3 @@ def test_held_out_readings_take_causes_back(said, causes, gains, why):
         verdict=said, causes=[SimpleNamespace(fitted=id_, form_doubtful=doubt) for id_, doubt in causes]
     )
     assert verdict.held_out_objection(there, judged(**gains)) == why
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("def effects(vessel:", "SyntaxError"),
-        ("import nothing_of_that_name", "ModuleNotFoundError"),
-        ("effects = 3", r"defines no function effects\(vessel\)"),
-        ("def effects(vessel): return vessel.nothing", "effects: AttributeError"),
-        ("def effects(vessel): return ['a current']", "expected Effect, found str"),
-    ],
-)
-def test_what_is_wrong_with_a_users_file_is_said(tmp_path, text, words):
-    path = tmp_path / "mine.py"
-    path.write_text(text)
-    with pytest.raises(ConfigError, match=rf"mine\.py: .*{words}|mine\.py: {words}"):
-        user_effects(path)(boat("aritra"))

@@ -5,12 +5,14 @@ Thresholds are assumed unless they name a source; each is far from what good log
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from companion.core.constants import NEUTRAL_US
 from companion.logs.runs.columns import INERTIAL
+from companion.logs.runs.disagreements import disagreeing
+from companion.logs.runs.resets import jumps, resets
 from companion.logs.runs.run import LogProblem, Run
 
 GAP_PERIODS, GAP_S, END_S = 3.5, 0.2, 1.0
@@ -27,22 +29,26 @@ VOLTAGE_GAP_S = 10.0
 SLOW_UWB_HZ = 0.9
 """The paper's UWB gives 1 Hz; slower says little about surge and sway."""
 LOST_SHARE = 0.1
-JUMP_M_S, JUMP_M = 3.0, 1.0
-"""No small boat moves as fast as this between two fixes."""
 SLOWEST_S, FASTEST_M_S, FAST_SHARE = 5.0, 20.0, 0.2
 """Headings that come more slowly than that, and positions that are faster for such a share of the time, are in other
 units: yaw has a time constant of 2 s, and a boat at 0.02 m/s makes the latter in millimetres; assumed."""
-BIASING = ("damaged", "edited", "disagree", "not obeyed", "clock jump")
+BIASING = ("damaged", "edited", "disagree", "not obeyed", "clock jump", "heading jump", "position jump", "tilt")
 """Kinds of problems that can bias a fit unnoticed."""
+TIMES = ((1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds"))
+"""How many of a unit are a second: headings come every 5 ms to `SLOWEST_S`, whatever counts them."""
+LEAST_DEG, MOST_DEG, PUSHED_S = 1e-5, 5e-3, 10.0
+"""Positions whose whole span is between these, taken as metres 10 um to 5 mm, though thrusters push for so long: a fix
+alone is off by more than that, and as degrees it is 1 m to half a kilometre; assumed."""
 NOISY = ("r_rad_s", "ax_m_s2", "ay_m_s2", "psi_rad", "north_m")
 """Sampled channels that a fit needs, and whose noise changes their last digit with every sample."""
-WINDOW_S, TURN_RAD, SLOPE_OFF = 2.0, 0.05, 0.3
+SPEED_S = 2.0
+"""Over so long a speed is looked at."""
 
 
 def problems(run: Run) -> list[LogProblem]:
     """The reader's notes first, then problems seen in the data, by time within each kind."""
     found = list(run.meta.notes)
-    for look in (_missing, _gaps, _positions, _saturated, _idle, _stuck, _disagreeing):
+    for look in (_missing, _gaps, _positions, resets, _saturated, _idle, _stuck, disagreeing):
         found += look(run)
     return found
 
@@ -131,7 +137,7 @@ def _positions(run: Run) -> Iterator[LogProblem]:
     """Few or slow positions, lost ones, and jumps."""
     if not run.known("north_m"):
         return
-    t_s, places = run.samples("north_m", "east_m")
+    t_s = run.samples("north_m", "east_m")[0]
     if len(t_s) < 3:
         yield LogProblem(kind="positions", text=f"only {len(t_s)} positions")
         return
@@ -141,10 +147,7 @@ def _positions(run: Run) -> Iterator[LogProblem]:
     if mean < (1 - LOST_SHARE) * nominal:
         share = 100 * (1 - mean / nominal)
         yield LogProblem(kind="positions", text=f"{share:.0f} % of the positions at {nominal:.1f} Hz did not come")
-    step_m, step_s = np.linalg.norm(np.diff(places, axis=0), axis=1), np.diff(t_s)
-    for i in np.flatnonzero((step_m > JUMP_M) & (step_m > JUMP_M_S * step_s)):
-        text = f"the position jumps by {step_m[i]:.1f} m in {step_s[i]:.2f} s"
-        yield LogProblem(kind="jump", text=text, t_s=float(t_s[i]), length_s=float(step_s[i]))
+    yield from jumps(run)
 
 
 def _saturated(run: Run) -> Iterator[LogProblem]:
@@ -210,9 +213,12 @@ def unit_fault(run: Run) -> str:
     """What shows that stamps are no seconds, or positions no metres, in words; empty where nothing does."""
     steps_s = np.diff(run.samples("psi_rad")[0])
     if len(steps_s) and (usual_s := float(np.median(steps_s))) > SLOWEST_S:
-        return f"t_s: a heading comes every {usual_s:.3g} s only: is the time in milliseconds? Write seconds"
+        unit = next((name for most_s, name in TIMES if usual_s <= most_s * SLOWEST_S), TIMES[-1][1])
+        return f"t_s: a heading comes every {usual_s:.3g} s only: is the time in {unit}? Write seconds"
     t_s, places = run.samples("north_m", "east_m")
-    later = np.searchsorted(t_s, t_s + WINDOW_S)
+    if len(places) and (fault := _degrees(run, places)):
+        return fault
+    later = np.searchsorted(t_s, t_s + SPEED_S)
     first, later = np.flatnonzero(later < len(t_s)), later[later < len(t_s)]
     if not len(first):
         return ""
@@ -220,6 +226,24 @@ def unit_fault(run: Run) -> str:
     if (fast_m_s := float(np.quantile(speeds_m_s, 1 - FAST_SHARE))) <= FASTEST_M_S:
         return ""
     return f"north_m, east_m: they move at {fast_m_s:.0f} m/s: are they in millimetres? Write metres"
+
+
+def _degrees(run: Run, places: np.ndarray) -> str:
+    """What shows that positions (n, 2) are latitudes and longitudes, in either order; empty where nothing does."""
+    span = float(np.ptp(places, axis=0).max())
+    lies_on_earth = bool((np.abs(places) <= 180.0).all() and (np.abs(places) <= 90.0).all(axis=0).any())
+    if not (lies_on_earth and LEAST_DEG < span < MOST_DEG):
+        return ""
+    t_s, pwm_us = run.samples(*(f"pwm_{name}" for name in run.thrusters))
+    if not len(t_s):
+        return ""
+    pushes = np.abs(pwm_us.reshape(len(t_s), -1) - NEUTRAL_US).max(axis=1) > IDLE_US
+    if float(np.diff(t_s)[pushes[:-1]].sum()) < PUSHED_S:
+        return ""
+    return (
+        f"north_m, east_m: all within {1000 * span:.2g} mm of one another while the boat drives: are they latitude and "
+        "longitude in degrees? Write metres north and east of an origin"
+    )
 
 
 def held_rows(run: Run, *columns: str) -> np.ndarray:
@@ -246,40 +270,3 @@ def held_rows(run: Run, *columns: str) -> np.ndarray:
         readings = np.repeat(np.maximum(np.rint(lengths / held), 1), lengths)
         again[known] = (since % held != 0) | (since // held >= readings)
     return again
-
-
-def _disagreeing(run: Run) -> Iterator[LogProblem]:
-    """Change of heading against the integral of the yaw rate, over windows: their ratio shows wrong units and signs."""
-    if not (run.known("psi_rad") and run.known("r_rad_s")):
-        return
-    slope = turn_ratio(run)
-    if slope is None or abs(slope - 1.0) <= SLOPE_OFF:
-        return
-    hints: dict[str, Callable[[float], bool]] = {
-        "; is r_rad_s in deg/s?": lambda k: abs(k * 57.3 - 1.0) < SLOPE_OFF,
-        "; is one of them positive to port?": lambda k: abs(k + 1.0) < SLOPE_OFF,
-    }
-    hint = next((text for text, fits in hints.items() if fits(slope)), "")
-    text = f"psi_rad turns {slope:.3g} times as far as r_rad_s says{hint}"
-    yield LogProblem(kind="disagree", text=text)
-
-
-def turn_ratio(run: Run) -> float | None:
-    """Least-squares ratio of heading change to integrated yaw rate; None where the boat hardly turns."""
-    t_psi, psi = run.samples("psi_rad")
-    t_r, r = run.samples("r_rad_s")
-    if len(t_psi) < 10 or len(t_r) < 10:
-        return None
-    turned = np.concatenate(([0.0], np.cumsum((r[1:] + r[:-1]) / 2 * np.diff(t_r))))
-    windows = np.arange(max(t_psi[0], t_r[0]), min(t_psi[-1], t_r[-1]), WINDOW_S)
-    if len(windows) < 3:
-        return None
-    heading = np.diff(np.interp(windows, t_psi, np.unwrap(psi)))
-    rate = np.diff(np.interp(windows, t_r, turned))
-    sound = np.abs(heading) < np.pi * 0.9
-    heading, rate = heading[sound], rate[sound]
-    if len(rate) < 3 or np.sqrt(np.mean(heading**2)) < TURN_RAD or np.sqrt(np.mean(rate**2)) < TURN_RAD / 2:
-        return None
-    rate, heading = rate - rate.mean(), heading - heading.mean()  # a gyroscope's bias is no disagreement
-    weight = float(rate @ rate)
-    return float(heading @ rate / weight) if weight > 0 else None

@@ -16,6 +16,7 @@ import polars as pl
 from msgspec.structs import replace
 
 from companion.logs.runs.columns import HELD
+from companion.logs.runs.resets import reset_intervals
 from companion.logs.runs.run import Run, RunError
 
 HISTORY_S = 2.0
@@ -75,16 +76,26 @@ def source_runs(runs: Sequence[Run]) -> list[Run]:
 
 
 def recording_intervals(run: Run) -> list[Interval]:
-    """Intervals between pauses of the recording; the whole run where it never paused."""
+    """Intervals between pauses of the recording; the whole run where it never paused.
+
+    A reset of heading or position counts as a pause: no motion of a boat leads from before it to after it.
+    """
     t_s = run.table["t_s"].to_numpy()
     since = t_s[t_s >= run.measured_s()[0]]  # before are commands only, those that changed
     steps = np.diff(since)
     usual = float(np.median(steps)) if len(steps) else 0.0
     pauses = np.flatnonzero(steps > max(PAUSE_S, PERIODS * usual))
-    if not len(pauses):
+    holes = [(float(since[i]), float(since[i + 1])) for i in pauses] + reset_intervals(run)
+    if not holes:
         return [(float(t_s[0]), float(t_s[-1]))]
-    begins, ends = [since[0], *since[pauses + 1]], [*since[pauses], since[-1]]
-    return [(float(a), float(b)) for a, b in zip(begins, ends, strict=True)]
+    edges: list[Interval] = [(-np.inf, float(since[0]))]
+    for low, high in sorted(holes):
+        if low < edges[-1][1]:
+            edges[-1] = edges[-1][0], max(edges[-1][1], high)
+        else:
+            edges.append((low, high))
+    begins, ends = [high for _, high in edges], [low for low, _ in edges[1:]] + [float(since[-1])]
+    return list(zip(begins, ends, strict=True))
 
 
 def block_intervals(run: Run, block_s: float) -> list[Interval]:

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
@@ -23,18 +22,12 @@ from companion.logs.runs.run import Run
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.wiring.compass import compass_finding
 from sim.fitting.wiring.correction import Correction
-from sim.fitting.wiring.evidence import Connection, Evidence, candidates, evidence
-from sim.fitting.wiring.record import SURE_NATS, WiringFinding, WiringReport
-from sim.fitting.wiring.sensors import findings_by_log, gyro_fault, imu_fault
-from sim.fitting.wiring.thrusters import DEAD, append_note
+from sim.fitting.wiring.decision import decided, has_own_axes
+from sim.fitting.wiring.evidence import Connection, candidates, evidence
+from sim.fitting.wiring.record import WiringReport
+from sim.fitting.wiring.sensors import findings_by_log, gyro_fault, imu_fault, one_of
+from sim.fitting.wiring.thrusters import append_note
 
-RIVAL_NATS = 1.0
-"""Least nats over the next best of what is named; `SURE_NATS` over the file as it is. Right logs: below 0."""
-HINT_NATS, OPEN_NATS = 3.0, 3.0
-"""Nats from which on something is told though not named; what is nearer than that to the best is a rival."""
-EXPLAINED, LEFT = 0.4, 0.75
-"""Least share of the variance that it explains in surge and sway or in yaw, and largest share of what the file leaves
-that it leaves there. Thrusters that fight wind and waves push against the motion, and explain little of it."""
 NOTE = "wiring as the logs show it"
 
 
@@ -65,24 +58,26 @@ def checked(
     """
     given = (*logs, *held_out, *reference)
     runs = {log.name: log.run for log in given if _able(log.run, vessel)}
+    as_given = dict(runs)
     # 1. Unit and sign of the gyro.
     gyro = _each(gyro_fault, runs)
     _apply(gyro, runs)
     # 2. Thrusters, heading and positions, by all fitted logs together.
-    tried, seen = candidates(vessel), {}
+    any_axes = all(has_own_axes(runs[log.name]) for log in logs if log.name in runs)
+    tried, seen = candidates(vessel, any_axes), {}
     for i, log in enumerate(logs):
         say(log.name, i / len(logs))
         if log.name in runs and (found := evidence(runs[log.name], vessel, tried)) is not None:
             seen[log.name] = found
-    best, findings, unknown = _decided(seen, tried)
+    best, findings, unknown = decided(seen, tried, as_given)
     alike = {log.name for log in reference if log.name in runs and best and _shows(best, runs[log.name], vessel)}
     if best and best.motion:
         moved = [name for name in runs if name in alike or name not in {log.name for log in reference}]
         _apply(dict.fromkeys(moved, best.motion), runs)
-        if best.motion.heading[0] < 0:  # the gyro was right
-            wrong = [name for name in moved if name in gyro and gyro[name].gyro < 0]
-            _apply(dict.fromkeys(wrong, Correction("", "", gyro=-1.0)), runs)
-            gyro = {name: found for name, found in gyro.items() if name not in wrong}
+        again = _each(gyro_fault, {name: runs[name] for name in moved})  # by the heading as it is now
+        _apply(again, runs)
+        both = ((name, one_of(gyro.get(name), again.get(name))) for name in {**gyro, **again})
+        gyro = {name: found for name, found in both if found}
     # 3. Axes of the IMU.
     imu = _each(imu_fault, runs)
     _apply(imu, runs)
@@ -140,36 +135,3 @@ def _noted(changed: VesselFile, vessel: VesselFile) -> VesselFile:
             new if new == old else replace(new, source=append_note(new.source, NOTE)) for new, old in pairs
         ),
     )
-
-
-def _decided(
-    seen: Mapping[str, Evidence], tried: Sequence[Connection]
-) -> tuple[Connection | None, list[WiringFinding], tuple[str, ...]]:
-    """What is to be put right, what is told, and which single faults the logs leave open."""
-    if not seen:
-        return None, [], ()
-    logs = list(seen.values())
-    whole = sum(logs[1:], logs[0])
-    nats, order = whole.nats, np.argsort(-whole.nats, kind="stable")
-    best = int(order[0])
-    less = whole.left[:, best] <= LEFT * whole.left[:, 0]
-    explains = bool((less & (whole.explained[:, best] >= EXPLAINED)).any())
-    dead = tried[best].name.startswith(DEAD)
-    if dead or nats[best] < HINT_NATS or not explains:
-        least = [max(-OPEN_NATS, nats[best] - SURE_NATS) if dead and one.way else -OPEN_NATS for one in tried]
-        near = [tried[i] for i in order if nats[i] > least[i] and tried[i].faults == 1]
-        return None, [], tuple(one.text for one in near if not one.name.startswith(DEAD))
-    near = [i for i in order[1:] if nats[i] > nats[best] - OPEN_NATS and tried[i].faults == 1]
-    against = tuple(name for name, one in seen.items() if one.nats[best] < -SURE_NATS)
-    clear = bool(nats[best] >= SURE_NATS and nats[best] - nats[order[1]] >= RIVAL_NATS and not against)
-    finding = WiringFinding(
-        name=tried[best].name,
-        text=tried[best].text,
-        nats=round(float(nats[best]), 1),
-        logs=tuple(seen),
-        certain=clear,
-        rivals=tuple(tried[i].text for i in near),
-        against=against,
-        thrusters=tried[best].way is not None,
-    )
-    return (tried[best] if clear else None), [finding], ()

@@ -71,6 +71,23 @@ MIRRORED = (
     Correction("positions:east", "east_m counts to the west", places=((1, 0), (0, -1))),
     Correction("positions:north", "north_m counts to the south", places=((-1, 0), (0, 1))),
 )
+MATHEMATICAL = (
+    Correction(
+        "heading:mathematical",
+        "psi_rad is mathematical: counter-clockwise from east, not clockwise from north",
+        heading=(-1.0, np.pi / 2),
+    ),
+    Correction(
+        "axes:enu",
+        "the log is mirrored: its axes are those of ROS and of mathematics (x east in north_m, y north in east_m, "
+        "psi_rad counter-clockwise)",
+        places=((0, 1), (1, 0)),
+        heading=(-1.0, np.pi / 2),
+    ),
+)
+"""Axes of logs that others wrote. The second mirrors all that is known of the motion: so do x north and y west with a
+heading to port, which is the same log but for a turn of the whole world, and looks the same to a fit."""
+ENU = MATHEMATICAL[1]
 IMU = (
     *(
         Correction(

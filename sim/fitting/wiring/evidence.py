@@ -16,17 +16,19 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
-from sim.fitting.wiring.correction import HEADINGS, MIRRORED, Correction
+from sim.fitting.wiring.correction import ENU, HEADINGS, MATHEMATICAL, MIRRORED, Correction
 from sim.fitting.wiring.regression import LogDesign, log_design
 from sim.fitting.wiring.thrusters import Way, ways
 
 BLOCK_S = 4.0
 RARE_NATS = 3.0  # against each fault beyond the first; assumed
+BESIDE_ENU = ("reversed:", "mirrored:fore_aft")
+"""Faults of thrusters that are tried in a mirrored log, too: those that are tried beside mirrored sides."""
 
 
 @dataclass(frozen=True)
 class Connection:
-    """The file as it is (neither), thrusters connected in another way, or heading or positions in other axes."""
+    """The file as it is (neither), thrusters connected in another way, heading or positions in other axes, or both."""
 
     way: Way | None = None
     motion: Correction | None = None
@@ -34,23 +36,32 @@ class Connection:
     @property
     def name(self) -> str:
         """As in reports; empty for the file as it is."""
-        return self.way.name if self.way else self.motion.name if self.motion else ""
+        return "+".join(part.name for part in (self.motion, self.way) if part)
 
     @property
     def text(self) -> str:
         """In words."""
-        return self.way.text if self.way else self.motion.text if self.motion else "as the file says"
+        return ", and ".join(part.text for part in (self.motion, self.way) if part) or "as the file says"
 
     @property
     def faults(self) -> int:
         """How many things went wrong."""
-        return self.way.faults if self.way else 1 if self.motion else 0
+        return (self.way.faults if self.way else 0) + bool(self.motion)
 
 
-def candidates(vessel: VesselFile) -> list[Connection]:
-    """All of them, the file as it is first."""
-    found = [Connection(way=way) if way.faults else Connection() for way in ways(vessel)]
-    return found + [Connection(motion=m) for m in (*HEADINGS, *MIRRORED)]
+def candidates(vessel: VesselFile, any_axes: bool = False) -> list[Connection]:
+    """All of them, the file as it is first.
+
+    `any_axes`: the logs' axes are those of whoever wrote them. A mirrored log of a boat whose sides are right looks to
+    the last digit as a right log of one whose sides are mirrored, and so does each with another fault beside.
+    """
+    every = ways(vessel)
+    found = [Connection(way=way) if way.faults else Connection() for way in every]
+    found += [Connection(motion=m) for m in (*HEADINGS, *MIRRORED)]
+    if any_axes:
+        found += [Connection(motion=m) for m in MATHEMATICAL]
+        found += [Connection(way=w, motion=ENU) for w in every if w.faults == 1 and w.name.startswith(BESIDE_ENU)]
+    return found
 
 
 @dataclass(frozen=True)
@@ -76,13 +87,19 @@ class Evidence:
 
 def evidence(run: Run, vessel: VesselFile, tried: Sequence[Connection]) -> Evidence | None:
     """Of one log for each candidate; None where it holds too little."""
-    design, found = log_design(run, vessel), []
+    found: list[_Misfit] = []
+    design = log_design(run, vessel)
+    if design is None:
+        return None
+    designs: dict[str, LogDesign | None] = {"": design}
     for one in tried:
-        own = log_design(one.motion.apply(run), vessel) if one.motion else design
+        axes = one.motion.name if one.motion else ""
+        if one.motion and axes not in designs:
+            designs[axes] = log_design(one.motion.apply(run), vessel)
+        own = designs[axes]
         if own is None:
             return None
         found.append(_misfit(own, one.way.vessel if one.way else vessel))
-    assert design is not None
     prior = np.array([RARE_NATS * max(one.faults - 1, 0) for one in tried])
     return Evidence(
         nats=np.array([found[0].over(one) for one in found]) - prior,

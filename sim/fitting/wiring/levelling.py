@@ -14,13 +14,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.constants import GRAVITY_M_S2
 from companion.logs.runs.run import LogProblem, Run
 from sim.fitting.engine.split import NamedLog, Split, split
 from sim.fitting.engine.windows import reads_lean
 from sim.fitting.wiring.accelerations import second_differences
+from sim.fitting.wiring.record import SURE_NATS
 
 TILT = ("phi_rad", "theta_rad")
 """Columns that level accelerometers."""
@@ -28,6 +31,11 @@ NEEDED = (*TILT, "psi_rad", "ax_m_s2", "ay_m_s2", "north_m", "east_m")
 FOLLOWS = 0.03
 """Least share of the acceleration that levelling takes away, from which on roll and pitch follow it; assumed: ten times
 what white noise of 0.005 rad takes in two minutes."""
+UNIT = "tilt"
+"""Kind of the problem that roll and pitch seem to be in another unit."""
+LEAST_M_S2, TIMES, FEWEST = 0.25, 2.0, 10
+"""Least gravity that roll and pitch put into accelerometers (1.5 degrees rms, which no attitude errs by in calm water),
+and how many times more than these read; assumed. Noise of 0.02 rad, far more than an autopilot's, puts in as much."""
 LEFT_OUT = LogProblem(
     kind="left out",
     text="roll and pitch seem to follow the boat's own acceleration, as of an AHRS without GPS: accelerometers are "
@@ -35,9 +43,9 @@ LEFT_OUT = LogProblem(
 )
 
 
-def without_tilt(run: Run) -> Run:
-    """The run without roll and pitch, and a note that says so."""
-    notes = tuple(dict.fromkeys((*run.meta.notes, LEFT_OUT)))
+def without_tilt(run: Run, why: LogProblem = LEFT_OUT) -> Run:
+    """The run without roll and pitch, and a note that says why."""
+    notes = tuple(dict.fromkeys((*run.meta.notes, why)))
     return Run(run.table.drop(TILT, strict=False), replace(run.meta, notes=notes), run.whole)
 
 
@@ -45,6 +53,7 @@ def split_levelled(
     logs: Sequence[NamedLog], held_out: Sequence[NamedLog], vessel: VesselFile, block_s: float | None = None
 ) -> Split:
     """`split`, without roll and pitch in any log where the fitted parts say that they are no tilt."""
+    logs, held_out = in_radians(logs), in_radians(held_out)
     division = split(logs, held_out, vessel, block_s)
     known = any(LEFT_OUT in run.meta.notes for run in division.fitted)
     if known or tilt_is_false(division.fitted):
@@ -54,7 +63,14 @@ def split_levelled(
 
 def levelled(logs: Sequence[NamedLog]) -> tuple[NamedLog, ...]:
     """The logs, without roll and pitch where they say that these are no tilt."""
+    logs = in_radians(logs)
     return _bare(logs) if tilt_is_false(log.run for log in logs) else tuple(logs)
+
+
+def in_radians(logs: Sequence[NamedLog]) -> tuple[NamedLog, ...]:
+    """The logs, each without roll and pitch that are no radians; a note in it asks for their unit."""
+    found = ((log, tilt_unit_fault(log.run)) for log in logs)
+    return tuple(NamedLog(log.name, without_tilt(log.run, why)) if why else log for log, why in found)
 
 
 def _bare(logs: Sequence[NamedLog]) -> tuple[NamedLog, ...]:
@@ -63,10 +79,34 @@ def _bare(logs: Sequence[NamedLog]) -> tuple[NamedLog, ...]:
 
 def unlevelled(run: Run) -> list[LogProblem]:
     """What to tell of a log that never had roll and pitch; of those left out, a note in it tells."""
-    if not reads_lean(run) or LEFT_OUT in run.meta.notes:
+    if not reads_lean(run) or any(note == LEFT_OUT or note.kind == UNIT for note in run.meta.notes):
         return []
     text = "no roll and pitch: log phi_rad and theta_rad if you can; without them accelerometers count for little"
     return [LogProblem(kind="missing", text=text)]
+
+
+def tilt_unit_fault(run: Run) -> LogProblem | None:
+    """What to tell of roll and pitch of which gravity would change accelerometers far more than these read.
+
+    Read as radians; a short boat that follows the surface of waves leans, and reads next to nothing: there levelled
+    accelerations explain how its positions move, and nothing is told.
+    """
+    if not all(run.known(c) for c in NEEDED):
+        return None
+    tilt, read = run.samples(*TILT)[1], run.samples("ax_m_s2", "ay_m_s2")[1]
+    if min(len(tilt), len(read)) < FEWEST:
+        return None
+    by_tilt, by_reading = (float(np.hypot(*x.std(axis=0))) for x in (GRAVITY_M_S2 * np.sin(tilt), read))
+    if by_tilt < max(LEAST_M_S2, TIMES * by_reading):
+        return None
+    sides = second_differences(run)
+    if sides is None or sides.against_levelling_nats < SURE_NATS:
+        return None
+    text = (
+        f"phi_rad, theta_rad: by them gravity in ax_m_s2, ay_m_s2 changes by {by_tilt:.2g} m/s^2 rms, where these read "
+        f"{by_reading:.2g}: are they in degrees? They are left out; write radians"
+    )
+    return LogProblem(kind=UNIT, text=text)
 
 
 def tilt_is_false(runs: Iterable[Run]) -> bool:

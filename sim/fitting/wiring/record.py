@@ -20,6 +20,7 @@ class WiringFinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     rivals      what these logs hardly tell from it; `against`: logs that say otherwise
     thrusters   a matter of the vessel file, not of a log's columns
     advice      what to do about it, where nothing is put right
+    test        how to tell it from its rivals; empty: by each thruster alone
     """
 
     name: str
@@ -31,6 +32,7 @@ class WiringFinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     against: tuple[str, ...] = ()
     thrusters: bool = False
     advice: str = ""
+    test: str = ""
 
 
 class WiringReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -81,11 +83,11 @@ class WiringReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         if not f.certain and f.rivals and not f.against and (f.nats or 0.0) >= SURE_NATS:
             return (
                 f"{HEAD} not as the file says: either {_listed((f.text, *f.rivals))}{by}. These logs cannot tell "
-                f"which: it is left as it is, and no fit to them is to be trusted. {TEST}"
+                f"which: it is left as it is, and no fit to them is to be trusted. {f.test or TEST}"
             )
         if not f.certain:
             why = f"; otherwise in {', '.join(f.against)}" if f.against else ""
-            return f"{HEAD} perhaps {f.text}{by}{why}: not clear enough, left as it is.{rivals} {TEST}"
+            return f"{HEAD} perhaps {f.text}{by}{why}: not clear enough, left as it is.{rivals} {f.test or TEST}"
         if self.as_found:
             return f"{HEAD} {f.text}{by}. Left as it is (--as-found).{rivals}"
         then = f"correct the wiring, or take {VESSEL}" if f.thrusters else "correct what writes the log's columns"

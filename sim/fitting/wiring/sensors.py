@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.logs.runs.problems import SLOPE_OFF, turn_ratio
+from companion.logs.runs.disagreements import SLOPE_OFF, turn_ratio
 from companion.logs.runs.run import Run
 from sim.fitting.wiring.accelerations import GOOD, POOR, UNITS, unit_of
 from sim.fitting.wiring.correction import IMU, Correction, scaled
@@ -14,19 +14,33 @@ from sim.fitting.wiring.record import WiringFinding
 CLEAR = 0.1
 """Least share of the positions' variance that turned accelerations explain more than otherwise turned ones; assumed."""
 DEGREES = 180.0 / np.pi
+GYRO = (
+    Correction("gyro:reversed", "r_rad_s counts to port", gyro=-1.0),
+    Correction("gyro:degrees", "r_rad_s is in degrees per second", gyro=1 / DEGREES),
+    Correction("gyro:degrees+reversed", "r_rad_s is in degrees per second and counts to port", gyro=-1 / DEGREES),
+)
+PORT = next(c for c in IMU if c.name == "accelerations:y")
 
 
 def gyro_fault(run: Run) -> Correction | None:
     """What undoes a wrong unit or sign of the yaw rate."""
     ratio = turn_ratio(run) if run.known("r_rad_s") else None
-    for factor, name, text in (
-        (-1.0, "gyro:reversed", "r_rad_s counts to port"),
-        (1 / DEGREES, "gyro:degrees", "r_rad_s is in degrees per second"),
-        (-1 / DEGREES, "gyro:degrees+reversed", "r_rad_s is in degrees per second and counts to port"),
-    ):
-        if ratio is not None and abs(ratio / factor - 1.0) < SLOPE_OFF:
-            return Correction(name, text, gyro=factor)
-    return None
+    return None if ratio is None else next((c for c in GYRO if abs(ratio / c.gyro - 1.0) < SLOPE_OFF), None)
+
+
+def one_of(first: Correction | None, second: Correction | None) -> Correction | None:
+    """What undoes both of two faults of the yaw rate; None where they undo each other."""
+    factor = (first.gyro if first else 1.0) * (second.gyro if second else 1.0)
+    return next((c for c in GYRO if np.isclose(c.gyro, factor)), None)
+
+
+def sway_sign(run: Run) -> int:
+    """1: ay_m_s2 counts to starboard, -1: to port, by heading and positions; 0 where these do not show it clearly."""
+    as_it_is = explained_levelled(run) if run.known("ax_m_s2") and run.known("ay_m_s2") else None
+    other = explained_levelled(PORT.apply(run)) if as_it_is else None
+    if as_it_is is None or other is None or max(as_it_is[0], other[0]) < GOOD:
+        return 0
+    return int(np.sign(as_it_is[0] - other[0])) if abs(as_it_is[0] - other[0]) >= CLEAR else 0
 
 
 def imu_fault(run: Run) -> Correction | None:

@@ -70,7 +70,7 @@ def blueboat_run(path: Path) -> Run:
         north_m=pl.when(moved).then(pl.col("x_ned")),
         east_m=pl.when(moved).then(pl.col("y_ned")),
     )
-    return Run(table, RunMeta(source=path.name))
+    return Run(table, RunMeta(source=path.name, columns={"pwm": "thr_left (mirrored), thr_right; axes NED, FRD"}))
 
 
 def without(run: Run, *columns: str) -> Run:

@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from companion.logs.runs.problems import dead_columns, grouped, held_rows, problem_sentences, problems
+from companion.logs.runs.problems import dead_columns, grouped, held_rows, problem_sentences, problems, unit_fault
 from companion.logs.runs.run import LogProblem, Run
 from tests.companion.logs.readers.run_logs import clean_run
 
@@ -199,3 +199,26 @@ def test_readings_of_one_column_are_held_where_nearly_all_last_as_long():
     held = {name: held_rows(Run(table), name) for name in columns}
     assert held["r_rad_s"].sum() == len(t_s) - len(np.unique(steps))
     assert not held["ax_m_s2"].any() and not held["ay_m_s2"].any()
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")])
+@pytest.mark.parametrize("every", [1, 50])
+def test_the_unit_of_the_time_is_named_by_its_power_of_ten(factor, unit, every):
+    """Headings at 50 Hz and at 1 Hz."""
+    table = clean_run(120.0).table.gather_every(every).with_columns(t_s=factor * pl.col("t_s"))
+    assert f"is the time in {unit}? Write seconds" in unit_fault(Run(table))
+
+
+def test_latitude_and_longitude_in_place_of_metres_are_asked_for():
+    run = clean_run()
+    degrees = {"north_m": pl.col("north_m") / 111_195 + 63.4, "east_m": pl.col("east_m") / 50_000 + 10.4}
+    there = Run(run.table.with_columns(**degrees))
+    said = unit_fault(there)
+    assert said.startswith("north_m, east_m: all within 0.") and "latitude and longitude" in said
+    exchanged = {"north_m": pl.col("east_m") / 50_000 + 100.4, "east_m": pl.col("north_m") / 111_195 - 33.4}
+    assert unit_fault(Run(run.table.with_columns(**exchanged))) == said
+    assert unit_fault(run) == ""
+    rests = dict.fromkeys(("pwm_left", "pwm_right"), pl.lit(1500.0))
+    assert unit_fault(Run(there.table.with_columns(**rests))) == ""
+    tied = {c: 15.0 + 0.02 * (pl.col(c) - pl.col(c).mean()) for c in PLACE}
+    assert unit_fault(Run(run.table.with_columns(**tied))) == ""

@@ -67,7 +67,10 @@ def drive(
     uwb_hz: float = 1.0,
     alone_s: float = ALONE_S,
 ) -> Run:
-    """A log by hand of the reference boat with a fault, and something else beside; labels are the file's."""
+    """A log by hand of the reference boat with a fault, and something else beside; labels are the file's.
+
+    As read from an autopilot's own log, whose axes are known.
+    """
     change, weather = BESIDE[beside]
     run = teleop_run(
         miswired(fault, change(BOAT)),
@@ -78,7 +81,8 @@ def drive(
         believed=BOAT,
         alone_s=alone_s,
     )
-    told = Run(run.table.select(c for c in run.table.columns if not c.startswith("true_")), run.meta)
+    meta = replace(run.meta, columns={"pwm": "what left the autopilot"})
+    told = Run(run.table.select(c for c in run.table.columns if not c.startswith("true_")), meta)
     return turned_imu(told, IMU_DEG.get(fault, 0))
 
 

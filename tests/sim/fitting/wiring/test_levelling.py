@@ -6,20 +6,27 @@ import numpy as np
 import polars as pl
 import pytest
 
+from companion.core.geometry.frames import rotate
+from companion.logs.runs.problems import BIASING
 from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.diagnose.job import data_of
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.identify.result import fit_structured
 from sim.fitting.identify.structured_fit import FitSettings
-from sim.fitting.wiring.accelerations import explained, second_differences
+from sim.fitting.wiring.accelerations import explained, second_differences, twice
 from sim.fitting.wiring.correction import IMU
 from sim.fitting.wiring.levelling import (
     LEFT_OUT,
+    NEEDED,
     TILT,
+    TIMES,
+    UNIT,
     explained_levelled,
     levelled,
     split_levelled,
     tilt_is_false,
+    tilt_unit_fault,
+    unlevelled,
     without_tilt,
 )
 from sim.fitting.wiring.record import SURE_NATS
@@ -59,6 +66,44 @@ def rolling(run: Run, degrees: float) -> Run:
     felt = {"ax_m_s2": pl.col("ax_m_s2") + G * theta.sin(), "ay_m_s2": pl.col("ay_m_s2") - G * phi.sin()}
     told = {"phi_rad": pl.col("phi_rad") + phi, "theta_rad": pl.col("theta_rad") + theta}
     return Run(run.table.with_columns(**felt, **told), run.meta)
+
+
+def in_degrees(run: Run) -> Run:
+    return Run(run.table.with_columns(pl.col(TILT) * (180.0 / np.pi)), run.meta)
+
+
+@pytest.mark.parametrize("log", [sound, lambda: rolling(sound(), 1.0)])
+def test_roll_and_pitch_in_degrees_are_asked_for_and_left_out(log):
+    """Calm water: all of them are within pi, and pass for radians."""
+    wrong = tilt_unit_fault(in_degrees(log()))
+    assert wrong is not None and wrong.kind == UNIT and "phi_rad, theta_rad" in wrong.text and "degrees" in wrong.text
+    logs = [NamedLog("degrees", in_degrees(log())), NamedLog("radians", other())]
+    degrees, radians = levelled(logs)
+    assert not set(TILT) & set(degrees.run.table.columns) and wrong in degrees.run.meta.notes
+    assert unlevelled(degrees.run) == [] and wrong not in radians.run.meta.notes
+    (used,) = split_levelled(logs[:1], [], VESSEL).used
+    assert wrong in used.log.run.meta.notes and wrong.kind in BIASING
+
+
+def test_radians_are_not_whether_noisy_false_or_of_a_hull_that_rolls():
+    rng = np.random.default_rng(6)
+    noise = {c: pl.col(c) + pl.Series(rng.normal(0.0, 0.02, len(sound().table))) for c in TILT}
+    noisy = Run(sound().table.with_columns(**noise), sound().meta)
+    for run in (sound(), followed(), rolling(sound(), 1.0), rolling(sound(), 6.0), noisy):
+        assert tilt_unit_fault(run) is None
+
+
+def test_a_hull_that_follows_the_surface_of_waves_leans_and_feels_nothing():
+    """What it is accelerated by is what gravity pulls it down the slope: 6 degrees, 7 s."""
+    run, level = sound(), rolling(sound(), 6.0)
+    tilt = {c: level.table[c] for c in TILT}
+    psi, t = run.table["psi_rad"].interpolate().fill_null(strategy="backward").to_numpy(), run.table["t_s"].to_numpy()
+    way = rotate(psi, *(-np.sin(np.radians(6.0)) * G * f(t * 2 * np.pi / 7.0) for f in (np.cos, lambda x: -np.sin(x))))
+    places = {c: run.table[c] + pl.Series(twice(t, np.column_stack(way))[:, i]) for i, c in enumerate(NEEDED[-2:])}
+    surfing = Run(run.table.with_columns(**tilt, **places), run.meta)
+    gravity = G * np.sin(surfing.samples(*TILT)[1]).std(axis=0)
+    assert np.hypot(*gravity) > TIMES * np.hypot(*surfing.samples("ax_m_s2", "ay_m_s2")[1].std(axis=0))
+    assert tilt_unit_fault(surfing) is None
 
 
 def test_a_true_attitude_is_kept_one_that_follows_the_acceleration_is_not():

@@ -21,6 +21,7 @@ def changed(**keys) -> WiringFinding:
         (changed(certain=False, nats=4.0), False, ("perhaps a and b", "not clear enough", "push alone")),
         (changed(certain=False, against=("x.csv",)), False, ("perhaps", "otherwise in x.csv")),
         (changed(certain=False, rivals=("c",)), False, ("either a and b have changed places; or c", "cannot tell")),
+        (changed(certain=False, rivals=("c",), test="Turn it."), False, ("either a and b", "trusted. Turn it.")),
         (changed(nats=None, logs=("x.csv",), thrusters=False), False, (", in x.csv", "what writes the log's columns")),
     ],
 )

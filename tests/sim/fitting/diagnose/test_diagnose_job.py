@@ -30,7 +30,7 @@ from sim.fitting.wiring.record import WiringFinding, WiringReport
 from sim.world.teleop_log import teleop_run
 from tests.companion.command_line import exit_code
 from tests.companion.logs.readers.run_logs import clean_run
-from tests.sim.fitting.diagnose.catalogue_rows import rows
+from tests.sim.fitting.diagnose.catalogue.catalogue_rows import rows
 from tests.support.vessel_fixtures import BOATS, boat
 
 VESSEL = boat("aritra")

@@ -84,7 +84,7 @@ def decided(
 
 def _by_imu(nats: np.ndarray, tried: Sequence[Connection], runs: Sequence[Run]) -> np.ndarray:
     """What yaw rate and accelerations have to add to `nats` (c,): only where a mirrored log is among the best."""
-    near = np.flatnonzero(nats > nats.max() - RARE_NATS - RIVAL_NATS)
+    near = np.flatnonzero(nats > nats.max() - RARE_NATS - RIVAL_NATS).tolist()
     added = np.zeros(len(tried))
     if 0 not in near and any(tried[i].motion is ENU for i in near):
         added[near] = [-RARE_NATS * imu_is_turned_over(tried[i], runs) for i in near]

@@ -8,8 +8,10 @@ Source: https://ardupilot.org/rover/docs/logmessages.html
 
 from __future__ import annotations
 
+import gc
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from math import radians
 from pathlib import Path
@@ -103,7 +105,7 @@ def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple
     rows: dict[str, list[tuple[Any, ...]]] = {kind: [] for kind in _KINDS}
     clocks: dict[bool, list[int]] = {True: [], False: []}  # with a fix, and without: the week may be a guess then
     damaged = 0
-    with whole_records(path, notes) as whole, DFReader.DFReader_binary(str(whole)) as log:
+    with whole_records(path, notes) as whole, _opened(whole) as log:
         while (m := log.recv_match(type=list(_KINDS))) is not None:
             kind = m.get_type()
             try:
@@ -124,6 +126,20 @@ def _messages(path: Path, notes: list[LogProblem]) -> tuple[dict[str, list[tuple
         notes.append(LogProblem(kind="damaged", text=f"{damaged} damaged records are left out"))
     known = clocks[True] or clocks[False]
     return rows, median_low(known) if known else None
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """pymavlink's reader of a log."""
+    log = DFReader.DFReader_binary(str(path))
+    try:
+        yield log
+    finally:
+        try:
+            log.close()
+        except BufferError:  # of damaged formats its cycles of references keep a view of the file
+            gc.collect()
+            log.close()
 
 
 def _receivers(rows: list[tuple[Any, ...]]) -> dict[int, list[Fix]]:

@@ -8,7 +8,6 @@ Source: https://ardupilot.org/rover/docs/logmessages.html
 
 from __future__ import annotations
 
-import gc
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -137,9 +136,8 @@ def _opened(path: Path) -> Iterator[Any]:
     finally:
         try:
             log.close()
-        except BufferError:  # of damaged formats its cycles of references keep a view of the file
-            gc.collect()
-            log.close()
+        except BufferError:  # its index sometimes keeps a view of the file: that goes with the reader itself
+            log.filehandle.close()
 
 
 def _receivers(rows: list[tuple[Any, ...]]) -> dict[int, list[Fix]]:

@@ -44,7 +44,7 @@ RESERVE_S = 420.0
 OLD, NEW = "mission-before", "mission"
 BEGINNING, IDENTIFIED, EXTENDED = "first file", "identified", "identified with causes"
 MOST_ENDED = 5
-"""So many flights of a stage that were ended at once, and it is over; assumed."""
+"""So many flights of a stage that were ended early since the program began, and it is over; assumed."""
 NO_PLAN = Proposal(None)
 YIELD = (0.05, 1.0)
 """Least and largest share of the expected nats that flights are taken to tell; assumed."""
@@ -125,6 +125,7 @@ class Commissioning:
 
     def _stage(self, stage: Stage, belief: BoatBelief) -> BoatBelief:
         """Fly a stage until it is over; what is believed then."""
+        ended_early = 0
         while True:
             own = [record for name, record in self._records() if name == stage.name]
             flown = sum(record.done if stage is PROVEN else record.counts for record in own)
@@ -132,7 +133,7 @@ class Commissioning:
             proposal = propose(
                 stage, belief, self.task.library, self.task.site, left_s, flown, self._yielded(), self._status
             )
-            why = f"{MOST_ENDED} of its flights were ended early" if len(own) - flown >= MOST_ENDED else ""
+            why = f"{MOST_ENDED} of its flights were ended early" if ended_early >= MOST_ENDED else ""
             why = why or ("no time left" if left_s <= 0 else "")
             if proposal.plan is None or why:
                 self._over[stage.name] = proposal.why or why
@@ -146,6 +147,7 @@ class Commissioning:
             if not record.seconds:
                 self.journal.close(folder, record)
                 raise NotFlownError(record.ending)
+            ended_early += not (record.done if stage is PROVEN else record.counts)
             before = belief
             if stage is not PROVEN:
                 belief = self._learn()
@@ -163,7 +165,8 @@ class Commissioning:
         records = ((folder, self.journal.record(folder)) for folder in self.journal.flights())
         flown = [folder for folder, record in records if record and record.done and stage_of(folder) == PROVEN.name]
         if not flown:
-            why = "no time was left for a whole proof: give the same command with more --minutes"
+            ended = self._over[PROVEN.name]
+            why = f"no whole proof was flown ({ended}): give the same command again, with more --minutes"
             return self._outcome(belief, belief.vessel, False, why)
         try:
             run = read_run(flown[-1] / LOG, ReadOptions(belief.first, self.task.site))

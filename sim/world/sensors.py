@@ -21,7 +21,7 @@ from msgspec import Meta
 from companion.core.configuration.sensors import Imu, Uwb
 from companion.core.configuration.site_file import Anchor
 from companion.core.constants import GRAVITY_M_S2
-from companion.core.geometry.frames import point_acceleration, point_position
+from companion.core.geometry.frames import point_acceleration, point_position, wrapped
 from companion.core.model.sensor_errors import (
     apply_heading_errors,
     apply_imu_errors,
@@ -109,7 +109,7 @@ class ImuSensor:
             (float(gyro[0]), float(gyro[1]), float(gyro[2])),
             float(phi + tilt[0]),
             float(theta + tilt[1]),
-            float((psi + np.pi) % (2 * np.pi) - np.pi),
+            float(wrapped(psi)),
         )
 
 

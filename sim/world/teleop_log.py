@@ -19,7 +19,7 @@ from companion.core.configuration.site_file import Anchor
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
 from companion.core.control.allocation import allocate, pulse_widths
-from companion.core.geometry.frames import unrotate
+from companion.core.geometry.frames import unrotate, wrapped
 from companion.logs.runs.run import Run, RunMeta
 from sim.world.environment import Environment, Moment, Weather, with_terms_of
 from sim.world.plant import Motion, Plant
@@ -225,7 +225,7 @@ def _truth(motion: Motion) -> dict[str, float]:
     x = motion.x
     names = ("true_north_m", "true_east_m", "true_psi_rad", "true_u_m_s", "true_v_m_s", "true_r_rad_s")
     values: dict[str, float] = dict(zip(names, map(float, x[:6]), strict=True))
-    values["true_psi_rad"] = (values["true_psi_rad"] + np.pi) % (2 * np.pi) - np.pi
+    values["true_psi_rad"] = wrapped(values["true_psi_rad"])
     return values
 
 

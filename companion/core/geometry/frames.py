@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+RAD_PER_DEG = math.pi / 180.0
 WGS84_A_M = 6378137.0
 """Semi-major axis of the WGS84 ellipsoid (NIMA TR8350.2)."""
 WGS84_E2 = 6.69437999014e-3
@@ -29,6 +30,11 @@ def ssa(angle_rad: float) -> float:
     """Smallest signed angle: `angle_rad` wrapped to [-pi, pi) (Fossen 2021, sec. 13.4)."""
     wrapped = (angle_rad + math.pi) % math.tau - math.pi
     return -math.pi if wrapped >= math.pi else wrapped
+
+
+def wrapped(angle_rad: Any) -> Any:
+    """As `ssa`, also of an array or a column of a table."""
+    return (angle_rad + math.pi) % math.tau - math.pi
 
 
 def near(angle_rad: float, reference_rad: float) -> float:
@@ -114,22 +120,22 @@ def earth_radii(latitude_rad: float) -> tuple[float, float]:
     return prime_vertical * (1.0 - WGS84_E2) / q, prime_vertical
 
 
-def site_from_geodetic(origin: Origin, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-    """Latitude, longitude -> (north_m, east_m) in site axes, earth flat around the origin.
+def site_from_geodetic(origin: Origin, latitude_deg: Any, longitude_deg: Any) -> tuple[Any, Any]:
+    """Latitude, longitude -> (north_m, east_m) in site axes, earth flat around the origin; floats or arrays.
 
     dN = R_M dmu, dE = R_N cos(mu0) dl. Error below 2 mm at 100 m and 0.2 m at 1 km (latitudes up to 60 deg).
     """
     meridian, prime_vertical = earth_radii(math.radians(origin.latitude_deg))
-    north = meridian * math.radians(latitude_deg - origin.latitude_deg)
-    dlon = ssa(math.radians(longitude_deg - origin.longitude_deg))
+    north = meridian * (RAD_PER_DEG * (latitude_deg - origin.latitude_deg))
+    dlon = wrapped(RAD_PER_DEG * (longitude_deg - origin.longitude_deg))
     east = prime_vertical * math.cos(math.radians(origin.latitude_deg)) * dlon
     return unrotate(origin.rotation_rad, north, east)
 
 
-def geodetic_from_site(origin: Origin, north_m: float, east_m: float) -> tuple[float, float]:
+def geodetic_from_site(origin: Origin, north_m: Any, east_m: Any) -> tuple[Any, Any]:
     """(north_m, east_m) in site axes -> latitude, longitude [deg]: inverse of `site_from_geodetic`."""
     mu = math.radians(origin.latitude_deg)
     meridian, prime_vertical = earth_radii(mu)
     north, east = rotate(origin.rotation_rad, north_m, east_m)
     longitude = math.radians(origin.longitude_deg) + east / (prime_vertical * math.cos(mu))
-    return origin.latitude_deg + math.degrees(north / meridian), math.degrees(ssa(longitude))
+    return origin.latitude_deg + north / meridian / RAD_PER_DEG, wrapped(longitude) / RAD_PER_DEG

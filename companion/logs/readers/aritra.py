@@ -21,6 +21,7 @@ from companion.core.configuration.site_file import Site
 from companion.core.configuration.tables import ConfigError
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.constants import NEUTRAL_US
+from companion.core.geometry.frames import wrapped
 from companion.core.messages import (
     MEASUREMENTS,
     Attitude,
@@ -173,11 +174,6 @@ def attitude_stream(rows: Sequence[tuple[float, ...]], site: Site | None) -> Str
     rotation_rad = math.radians(site.rotation_deg) if site else 0.0
     stream.columns["psi_rad"][:] = wrapped(stream.columns["psi_rad"] - rotation_rad)
     return stream
-
-
-def wrapped(angle_rad: np.ndarray) -> np.ndarray:
-    """Angles in [-pi, pi)."""
-    return (angle_rad + np.pi) % (2 * np.pi) - np.pi
 
 
 def imu_row(m: ImuSample) -> tuple[float, ...]:

@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 
 from companion.core.constants import NEUTRAL_US
+from companion.core.geometry.frames import wrapped
 from companion.logs.readers.join import Stream, join
 from companion.logs.readers.table import numbers
 from companion.logs.readers.text_table import text_table
@@ -53,7 +54,7 @@ def read_cse1(path: Path) -> Run:
     upright = np.maximum(np.abs(data["phi"]), np.abs(data["theta"])) < CAPSIZED_RAD
     seen = tracked & upright
     pose = {
-        "psi_rad": (data["psi"][seen] + np.pi) % (2 * np.pi) - np.pi,
+        "psi_rad": wrapped(data["psi"][seen]),
         "north_m": data["x"][seen], "east_m": data["y"][seen],
         "phi_rad": data["phi"][seen], "theta_rad": data["theta"][seen],
     }  # fmt: skip

@@ -16,7 +16,7 @@ import numpy as np
 
 from companion.core.configuration.site_file import Site
 from companion.core.estimation.ranging.multilateration import multilaterate
-from companion.core.geometry.frames import Origin, earth_radii, site_from_geodetic
+from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.logs.runs.origin import origin_words
 
 SPREAD_M = 0.5  # residual of a good range; assumed
@@ -80,18 +80,11 @@ def geodetic_to_site(
         first = int(together(latitude_deg, longitude_deg).argmax())
         origin = Origin(float(latitude_deg[first]), float(longitude_deg[first]))
         origin_text = origin_words(origin)
-    places = [site_from_geodetic(origin, float(a), float(o)) for a, o in zip(latitude_deg, longitude_deg, strict=True)]
-    north, east = np.array(places).reshape(-1, 2).T
-    return north, east, origin_text
+    return *site_from_geodetic(origin, latitude_deg, longitude_deg), origin_text
 
 
 def together(latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
     """Mask (n,) of the fixes near their median, by how far they lie from it as a rule: `NEAR_M`, `SPREADS`."""
     middle = Origin(float(median_low(latitude_deg.tolist())), float(median_low(longitude_deg.tolist())))
-    meridian, prime_vertical = earth_radii(np.radians(middle.latitude_deg))
-    turn_deg = (longitude_deg - middle.longitude_deg + 180.0) % 360.0 - 180.0
-    away_m = np.hypot(
-        meridian * np.radians(latitude_deg - middle.latitude_deg),
-        prime_vertical * np.cos(np.radians(middle.latitude_deg)) * np.radians(turn_deg),
-    )
+    away_m = np.hypot(*site_from_geodetic(middle, latitude_deg, longitude_deg))
     return away_m <= max(NEAR_M, SPREADS * float(np.median(away_m)))

@@ -12,6 +12,7 @@ import polars as pl
 
 from companion.core.configuration.sensors import Imu, Uwb
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.geometry.frames import wrapped
 from companion.core.model.sensor_errors import correct_heading, correct_imu, correct_uwb_scale, drifted, is_exact
 from companion.logs.runs.columns import HELD
 from companion.logs.runs.run import Run
@@ -45,7 +46,7 @@ def _inertial(table: pl.DataFrame, imu: Imu) -> pl.DataFrame:
     x, _, rate = correct_imu(imu, a_x, np.where(np.isnan(a_y), alone, a_y), r)
     _, y, _ = correct_imu(imu, np.where(np.isnan(a_x), alone, a_x), a_y, r)
     psi = correct_heading(imu, psi)
-    psi = (psi + np.pi) % (2 * np.pi) - np.pi
+    psi = wrapped(psi)
     new = {"psi_rad": psi, "r_rad_s": rate, "ax_m_s2": x, "ay_m_s2": y}
     return table.with_columns(**{name: pl.Series(name, values) for name, values in new.items()}).fill_nan(None)
 

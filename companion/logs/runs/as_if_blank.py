@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import polars as pl
 
 from companion.core.constants import pack_range
 from companion.logs.runs.columns import INERTIAL
-from companion.logs.runs.problems import dead_columns, held_rows
+from companion.logs.runs.problems import held_rows
 from companion.logs.runs.run import LogProblem, Run
 
 DEAD_SENSOR, HELD_READINGS = "dead sensor", "held readings"
 """Kinds of problems: columns are left out that no sensor wrote; readings are used where they were new."""
 
 
-def without_dead_columns(run: Run) -> Run:
-    """`run` without the columns that hold one value throughout, such as zeros for an IMU that is not there."""
-    dead = dead_columns(run)
+def without_dead_columns(run: Run, dead: Collection[str]) -> Run:
+    """`run` without `dead`, columns that hold one value throughout, such as zeros for an IMU that is not there."""
     if not dead:
         return run
     text = f"{', '.join(dead)}: the same value in every sample, which no sensor gives: left out, as if blank"

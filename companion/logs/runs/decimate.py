@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import polars as pl
 
+from companion.core.geometry.frames import wrapped
 from companion.logs.runs.columns import HELD, INERTIAL
 from companion.logs.runs.on_time import on_time
 from companion.logs.runs.run import Run
@@ -93,7 +94,7 @@ def _means(run: Run, column: str, count: int) -> tuple[np.ndarray, np.ndarray, n
     around = np.zeros((len(size), count))
     around[group, since % count] = t - middle[group]
     if column == "psi_rad":
-        mean = (mean + np.pi) % (2 * np.pi) - np.pi
+        mean = wrapped(mean)
     return middle, mean, around
 
 

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.logs.runs.origin import geodetic, stated_origin
+from companion.core.geometry.frames import geodetic_from_site
+from companion.logs.runs.origin import stated_origin
 from companion.logs.runs.run import Run
 
 LENGTH, LEAST_DIFFERENT = 8, 5
@@ -29,7 +30,8 @@ FACTOR = np.uint64(0x9E3779B97F4A7C15)
 def fingerprint(run: Run) -> np.ndarray:
     """Marks (k,) of a run, ascending, `MOST` at most; none without `LENGTH` positions on the way."""
     places, origin = run.samples("north_m", "east_m")[1], stated_origin(run)
-    places = np.round(1e7 * geodetic(origin, places) if origin else 1000.0 * places).astype(np.int64)
+    fine = 1e7 * np.column_stack(geodetic_from_site(origin, *places.T)) if origin else 1000.0 * places
+    places = np.round(fine).astype(np.int64)
     moved = np.append(True, (np.diff(places, axis=0) != 0).any(axis=1))[: len(places)]
     keys = _mixed(_mixed(places[moved, 0].view(np.uint64)) + places[moved, 1].view(np.uint64))
     if len(keys) < LENGTH:

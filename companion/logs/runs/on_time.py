@@ -12,6 +12,7 @@ import polars as pl
 from msgspec.structs import replace
 
 from companion.core.configuration.imu_filters import FILTERS
+from companion.core.geometry.frames import wrapped
 from companion.logs.runs.columns import HELD, INERTIAL
 from companion.logs.runs.run import Run
 from companion.logs.runs.unwrap import unwrapped
@@ -44,5 +45,5 @@ def _at(run: Run, column: str, late_s: float, t_s: np.ndarray, blank: np.ndarray
     """Values (k,) of a column at `t_s`, between samples `late_s` earlier; NaN where `blank`, or beyond its ends."""
     stamps, values = unwrapped(run) if column == "psi_rad" else run.samples(column)
     at = np.interp(t_s, stamps - late_s, values, left=np.nan, right=np.nan)
-    at = (at + np.pi) % (2 * np.pi) - np.pi if column == "psi_rad" else at
+    at = wrapped(at) if column == "psi_rad" else at
     return np.where(blank, np.nan, at)

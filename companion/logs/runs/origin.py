@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from msgspec.structs import replace
 
-from companion.core.geometry.frames import Origin, earth_radii, site_from_geodetic
+from companion.core.geometry.frames import Origin, geodetic_from_site, site_from_geodetic
 from companion.logs.runs.run import PAIRS, LogProblem, Run, RunMeta
 
 NEAR_M = 10_000.0
@@ -32,14 +32,6 @@ def stated_origin(run: Run) -> Origin | None:
     """The origin that the source of the run's positions states; None where it is a site's, or not known."""
     found = _STATED.search(run.meta.columns.get("north_m", ""))
     return Origin(float(found[1]), float(found[2])) if found else None
-
-
-def geodetic(origin: Origin, places: np.ndarray) -> np.ndarray:
-    """Latitude and longitude (n, 2) [deg] of north and east (n, 2) [m] from an origin with axes to true north."""
-    mu = np.radians(origin.latitude_deg)
-    meridian, prime_vertical = earth_radii(float(mu))
-    away_deg = np.degrees(places / (meridian, prime_vertical * np.cos(mu)))
-    return away_deg + (origin.latitude_deg, origin.longitude_deg)
 
 
 def with_one_origin(runs: Sequence[Run]) -> list[Run]:
@@ -90,8 +82,7 @@ def _moved(run: Run, origin: Origin, to: Origin) -> Run:
     for names in (pair for pair in PAIRS if pair[0].endswith("north_m") and set(pair) <= set(table.columns)):
         places = table.select(names).to_numpy()
         known = ~np.isnan(places).any(axis=1)
-        on_earth = geodetic(origin, places[known])
-        places[known] = np.reshape([site_from_geodetic(to, *one) for one in on_earth.tolist()], (-1, 2))
+        places[known] = np.column_stack(site_from_geodetic(to, *geodetic_from_site(origin, *places[known].T)))
         columns = (pl.Series(name, values).fill_nan(None) for name, values in zip(names, places.T, strict=True))
         table = table.with_columns(columns)
     words = {n: c.replace(origin_words(origin), origin_words(to)) for n, c in run.meta.columns.items()}

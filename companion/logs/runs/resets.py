@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from companion.core.geometry.frames import wrapped
 from companion.logs.runs.run import LogProblem, Run
 from companion.logs.runs.unwrap import SILENT_S, integrated
 
@@ -18,7 +19,8 @@ JUMP_M_S, JUMP_M = 3.0, 1.0
 """No small boat moves as fast as this between two fixes."""
 BACK, AROUND, AROUND_S = 0.5, 5, 2.0
 """A reset is a jump of which more than this share is left between the medians of so many fixes, and of so long, before
-and after, beside what the boat moves meanwhile."""
+and after, beside what the boat moves meanwhile; and between the fix before and the second after, the second before and
+the one after: a single one that is off comes back at once, however the boat turns in five seconds."""
 TURNED_RAD, TURNED_RAD_S, SIGMAS = 0.2, 0.3, 10.0
 """Least jump of the heading beside the integrated yaw rate: so much, for each second between samples so much more (what
 the integral of a slow gyro misses), and so many sigmas of what other steps differ, by the median."""
@@ -85,7 +87,10 @@ def _position_resets(run: Run) -> list[tuple[float, float, float]]:
         beyond = after - before - np.median(steps, axis=0) * (after_s - before_s)
         jump = places[i + 1] - places[i]
         size = float(np.linalg.norm(jump))
-        if beyond @ jump > BACK * size**2:
+        speed_m_s = float(np.median(np.linalg.norm(steps, axis=1)))
+        pairs = ((k, k + 2) for k in (i - 1, i))
+        near_m = [(places[b] - places[a]) @ jump / size - speed_m_s * (t_s[b] - t_s[a]) for a, b in pairs]
+        if min(beyond @ jump / size, *near_m) > BACK * size:
             found.append((float(t_s[i]), float(t_s[i + 1] - t_s[i]), size))
     return found
 
@@ -105,7 +110,7 @@ def _heading_resets(run: Run) -> list[tuple[float, float, float]]:
     inside = (t_s[:-1] >= t_r[0]) & (t_s[1:] <= t_r[-1]) & (steps_s <= SILENT_S)
     if inside.sum() < FEWEST:
         return []
-    beyond = min((_wrapped(np.diff(psi) - k * turned) for k in FACTORS), key=lambda e: float(np.median(np.abs(e))))
+    beyond = min((wrapped(np.diff(psi) - k * turned) for k in FACTORS), key=lambda e: float(np.median(np.abs(e))))
     beyond = np.where(inside, beyond - float(np.median((beyond / lasts_s)[inside])) * lasts_s, 0.0)
     # 2. Steps far beyond all others, of which most is still there after a second.
     sigma = 1.48 * float(np.median(np.abs(beyond[inside])))
@@ -118,8 +123,3 @@ def _heading_resets(run: Run) -> list[tuple[float, float, float]]:
         if stays / beyond[i] > BACK and abs(stays) > TURNED_RAD:
             found.append((float(t_s[i]), float(lasts_s[i]), float(beyond[i])))
     return found
-
-
-def _wrapped(angle_rad: np.ndarray) -> np.ndarray:
-    """To -pi .. pi."""
-    return (angle_rad + np.pi) % (2 * np.pi) - np.pi

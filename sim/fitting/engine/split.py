@@ -6,7 +6,8 @@ logs named to be held out   every other log is fitted whole
 alternate blocks of S s     the first, third .. of each log are fitted, the second, fourth .. held out
 neither                     the last quarter of each log is held out, 20 s at least; shorter logs are fitted whole
 
-Where the recording paused nobody knows what was commanded: logs are cut there, and only recorded seconds count.
+Where the recording paused nobody knows what was commanded, and after a reset heading or position is another: logs are
+cut there, and only recorded seconds count.
 """
 
 from __future__ import annotations
@@ -115,7 +116,7 @@ def split(
         if whole:
             rule += f"; {whole} of {len(used)} are too short for that and were fitted whole"
     pauses = sum(len(recording_intervals(u.log.run)) - 1 for u in used)
-    rule += f"; cut where the recording paused ({pauses} times)" if pauses else ""
+    rule += f"; cut at pauses and resets ({pauses} times)" if pauses else ""
     used = [_without_pauses(u) for u in used]
     fitted = [run for u in used for run in parts(u.log.run, u.fitted_s)]
     out = [HeldOut(u.log.run, None if u.held_out_s == (_all(u.log),) else u.held_out_s) for u in used if u.held_out_s]
@@ -159,7 +160,7 @@ def usable(log: NamedLog, vessel: VesselFile, *, at_rest: bool = False) -> Named
     if fault := unit_fault(run):
         raise JobError(f"{log.name}: {fault}")
     dead = dead_columns(run)
-    run = without_absurd_voltages(without_dead_columns(run), vessel.propulsion.nominal_voltage_V)
+    run = without_absurd_voltages(without_dead_columns(run, dead), vessel.propulsion.nominal_voltage_V)
     run = without_held_readings(run)
     for column, what in (("psi_rad", "heading"), ("north_m", "position"), *((f"pwm_{n}", "commands") for n in names)):
         if not run.known(column):
@@ -274,7 +275,7 @@ def _usable(run: Run, intervals: Sequence[Interval], spans: Sequence[Interval], 
     """
     left = tuple(usable_intervals(run, [(max(low, a), min(high, b)) for low, high in intervals for a, b in spans]))
     if intervals and not left:
-        pauses = f"the recording pauses {len(spans) - 1} times, first at {spans[0][1]:g} s; " if len(spans) > 1 else ""
+        pauses = f"{len(spans) - 1} pauses and resets, the first at {spans[0][1]:g} s; " if len(spans) > 1 else ""
         raise JobError(f"{run.meta.source}: {pauses}nothing of it can be {what}: {NEEDED}")
     return left
 

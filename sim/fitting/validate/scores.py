@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.core.geometry.frames import wrapped
 from sim.fitting.engine.smoothing import RATE_HZ
 from sim.fitting.validate.protocol import CHANNELS, Simulator
 from sim.fitting.validate.windows import PER_SAMPLE, HeldOutWindows
@@ -91,7 +92,7 @@ def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """
     e = states - truth
     out = np.concatenate([np.hypot(e[..., 0], e[..., 1])[..., None], e[..., 2:]], axis=-1)
-    out[..., 1] = (out[..., 1] + np.pi) % (2 * np.pi) - np.pi
+    out[..., 1] = wrapped(out[..., 1])
     return np.where(np.isnan(truth[..., :1]), np.nan, np.where(np.isnan(out), np.inf, out))
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
+from companion.core.geometry.frames import wrapped
 from companion.logs.runs.run import Run
 
 EYE = ((1.0, 0.0), (0.0, 1.0))
@@ -44,7 +45,7 @@ class Correction:
             new["theta_rad"], new["phi_rad"] = a * theta - b * phi, d * phi - c * theta
         if self.heading != (1.0, 0.0):
             factor, offset = self.heading
-            new["psi_rad"] = (factor * pl.col("psi_rad") + offset + np.pi) % (2 * np.pi) - np.pi
+            new["psi_rad"] = wrapped(factor * pl.col("psi_rad") + offset)
         if self.gyro != 1.0:
             new["r_rad_s"] = self.gyro * pl.col("r_rad_s")
         return Run(run.table.with_columns(**new), run.meta) if new else run

@@ -16,6 +16,7 @@ import polars as pl
 from scipy.signal import lfilter
 
 from companion.core.constants import NEUTRAL_US
+from companion.core.geometry.frames import wrapped
 from companion.logs.runs.run import Run, RunMeta
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
 from sim.fitting.taylor.abkowitz import C
@@ -104,7 +105,7 @@ def measured(log: PolynomialLog, rng: np.random.Generator, sensors: SmootherNois
     place = x[:, :2] + rng.normal(0, sensors.position_m, (len(t), 2))
     place[np.arange(len(t)) % round(rate) != 0] = np.nan
     columns = {"t_s": t, "pwm_none": np.full(len(t), float(NEUTRAL_US)), "battery_v": np.full(len(t), 15.0)}
-    columns |= {"psi_rad": (psi + np.pi) % (2 * np.pi) - np.pi, "r_rad_s": gyro}
+    columns |= {"psi_rad": wrapped(psi), "r_rad_s": gyro}
     columns |= {"ax_m_s2": accel[:, 0], "ay_m_s2": accel[:, 1], "north_m": place[:, 0], "east_m": place[:, 1]}
     return Run(pl.DataFrame(columns).fill_nan(None), RunMeta(source="the paper's polynomial"))
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.excitation.file import Steps, Zigzag
-from companion.core.excitation.signal import axis_reach
+from companion.core.excitation.signal import axis_reach, signal
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.identify.job import Choices, identify
 from sim.fitting.wiring.check import checked
@@ -35,26 +35,24 @@ class ZigzagPilot(HomingPilot):
     def __init__(self, believed: VesselFile):
         super().__init__()
         limits = axis_reach(believed)[:, 0]
-        own = [s for s in library().segments if s.name in STANDARD]
-        self._turns = [(np.array([s.X, 0.0, RUDDER * s.N]) * limits, s) for s in own if isinstance(s, Zigzag | Steps)]
+        self._turns = [
+            (np.array([s.X, 0.0, RUDDER * s.N]) * limits * share, signal(s, believed, where=s.name))
+            for s in library().segments
+            if s.name in STANDARD and isinstance(s, Zigzag | Steps)
+            for share in (s.levels[:1] if isinstance(s, Steps) else (1.0,))
+        ]
         self._from_s, self._from_rad, self._side = 0.0, 0.0, 1.0
 
     def wanted(self, t_s: float, x: np.ndarray, anew: bool) -> np.ndarray:
         """The rudder of a zig-zag is laid over as the heading has turned by its angle; a circle keeps it."""
-        tau, segment = self._turns[0]
+        tau, given = self._turns[0]
         turned = math.remainder(x[2] - self._from_rad, 2 * math.pi)
-        if isinstance(segment, Zigzag) and self._side * turned > math.radians(segment.switch_deg):
+        if given.switch_rad is not None and self._side * turned > given.switch_rad:
             self._side = -self._side
-        if t_s - self._from_s >= duration_s(segment):
+        if t_s - self._from_s >= given.duration_s:
             self._turns.append(self._turns.pop(0))
             self._from_s, self._from_rad, self._side = t_s, x[2], 1.0
-        level = segment.levels[0] if isinstance(segment, Steps) else 1.0
-        return tau * np.array([1.0, 1.0, self._side]) * level
-
-
-def duration_s(segment: Zigzag | Steps) -> float:
-    """How long a zig-zag or a circle takes."""
-    return segment.duration_s if isinstance(segment, Zigzag) else len(segment.levels) * segment.hold_s
+        return tau * np.array([1.0, 1.0, self._side])
 
 
 def by_hand(boat: DrawnBoat) -> VesselFile | None:

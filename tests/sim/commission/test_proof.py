@@ -11,7 +11,7 @@ from sim.commission import job
 from sim.commission.belief import BoatBelief
 from sim.commission.boats import Flown
 from sim.commission.causes import Causes
-from sim.commission.job import NEW, Commissioning, CommissionTask
+from sim.commission.job import MOST_ENDED, NEW, Commissioning, CommissionTask
 from sim.commission.journal import INTERRUPTED, FlightJournal, FlightRecord
 from sim.commission.proof import Proof, proof
 from sim.commission.stages import PROVEN
@@ -40,10 +40,10 @@ class Fit:
 
 
 class BriefBoat:
-    """A boat that is under way for a second; `endings`: whether each flight was done."""
+    """A boat that is under way for a second; `endings`: whether each flight was done. `goes_on`: nobody is asked."""
 
-    def __init__(self, *endings: bool):
-        self._endings, self.flown = list(endings), list[str]()
+    def __init__(self, *endings: bool, goes_on: bool = False):
+        self._endings, self._goes_on, self.flown = list(endings), goes_on, list[str]()
 
     def fly(self, _files, folder, _say):
         self.flown.append(folder.name)
@@ -55,7 +55,7 @@ class BriefBoat:
         return Flown(done, "done" if done else "idle: stopped by the operator")
 
     def goes_on(self, _ending):
-        return False
+        return self._goes_on
 
 
 @pytest.fixture
@@ -93,12 +93,20 @@ def test_a_proof_that_was_stopped_is_flown_again_by_the_same_command(tmp_path, o
     assert again.reached and only_the_proof == ["03-proof"]
 
 
+def test_a_stage_whose_flights_all_end_early_is_over_until_the_command_is_given_again(tmp_path, only_the_proof):
+    boat = BriefBoat(*[False] * MOST_ENDED, True, True, goes_on=True)
+    first = Commissioning(TASK, boat, begun(tmp_path / "c"), lambda _text: None).run()
+    assert len(boat.flown) == MOST_ENDED and not only_the_proof
+    assert not first.reached and f"{MOST_ENDED} of its flights were ended early" in first.why
+    assert Commissioning(TASK, boat, begun(tmp_path / "c"), lambda _text: None).run().reached
+
+
 def test_a_proof_that_was_interrupted_proves_nothing_and_is_flown_again_while_there_is_time(tmp_path, only_the_proof):
     begun(tmp_path / "c").begin(PROVEN.name, {})
     boat = BriefBoat(True, True)
     late = Commissioning(replace(TASK, minutes=1.0), boat, begun(tmp_path / "c"), lambda _text: None).run()
     assert late.flights[1][1].ending == INTERRUPTED and not boat.flown and not only_the_proof
-    assert not late.reached and "no time was left for a whole proof: " in late.why
+    assert not late.reached and "no whole proof was flown (no time left)" in late.why
     assert Commissioning(TASK, boat, begun(tmp_path / "c"), lambda _text: None).run().reached
     assert only_the_proof == ["03-proof"]
 

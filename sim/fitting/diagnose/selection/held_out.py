@@ -22,6 +22,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.core.geometry.frames import wrapped
 from companion.logs.runs.run import Run
 from companion.logs.runs.splits import part
 from sim.fitting.diagnose.catalogue.effect import Effect
@@ -165,15 +166,14 @@ def _open_loop(
         state = converged_rollout(physics, effects, model.theta, z)
         error = lines.imu(effects, model.theta, state) - windows.y
         said = lines.tag(effects, model.theta, state)
-    off = said - windows.fixes.place_m
     age = windows.t_s - windows.t_s[:, :1]
-    error[..., PSI] += z[:, None, OFFSET] + z[:, None, WANDER] * np.exp(-age[:, :-1] / model.noise.wander_time_s)
+    drift = z[:, None, OFFSET] + z[:, None, WANDER] * np.exp(-age[:, :-1] / model.noise.wander_time_s)
+    error[..., PSI] = wrapped(error[..., PSI] + drift)
     for channel, bias in ((RATE, BIAS_R), (SURGE, BIAS_AX), (SWAY, BIAS_AY)):
         error[..., channel] += z[:, None, bias]
-    error[..., PSI] = (error[..., PSI] + np.pi) % (2 * np.pi) - np.pi
     error[..., [PSI, RATE]] = np.degrees(error[..., [PSI, RATE]])
     place, *others = CHANNELS
-    of = _fix_windows(windows)
+    of, off = _fix_windows(windows), said - windows.fixes.place_m
     rows = {place: np.column_stack([of, windows.fixes.t_s - windows.t_s[of, 0], (off**2).sum(axis=1)])}
     for channel, name in enumerate(others):
         w, k = np.nonzero(np.isfinite(windows.y[..., channel]))

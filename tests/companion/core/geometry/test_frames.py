@@ -101,3 +101,7 @@ def test_flat_earth_against_exact_ecef(latitude, longitude, rotation, x, y):
         expected = complex(to_north @ offset, to_east @ offset)
         assert abs(complex(*frames.rotate(rotation, reach_m * x, reach_m * y)) - expected) < tolerance_m
         assert frames.site_from_geodetic(origin, *there) == pytest.approx((reach_m * x, reach_m * y), abs=1e-5)
+        arrays = frames.geodetic_from_site(origin, *np.full((2, 3), [[reach_m * x], [reach_m * y]]))
+        np.testing.assert_array_equal(np.transpose(arrays), [there] * 3)
+        on_site = frames.site_from_geodetic(origin, *arrays)
+        np.testing.assert_array_equal(np.transpose(on_site), [frames.site_from_geodetic(origin, *there)] * 3)

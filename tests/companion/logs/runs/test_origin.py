@@ -1,12 +1,11 @@
 """Logs of one water with origins of their own: the same places on earth, and one origin for all."""
 
 import numpy as np
-import pytest
 from msgspec.structs import replace
 
 from companion.core.geometry.frames import Origin, geodetic_from_site, site_from_geodetic
 from companion.logs.runs.fingerprint import fingerprint, overlap
-from companion.logs.runs.origin import ORIGINS, geodetic, origin_words, stated_origin, with_one_origin
+from companion.logs.runs.origin import ORIGINS, origin_words, stated_origin, with_one_origin
 from companion.logs.runs.run import Run
 from tests.companion.logs.runs.test_fingerprint import at, square
 
@@ -30,7 +29,6 @@ def test_what_a_run_states_of_its_origin_is_read_back():
     told = Run(run.table, replace(run.meta, columns={"north_m": f"GPS antenna, {origin_words(origin)}"}))
     assert stated_origin(told) == origin
     assert stated_origin(at(square(1), 0.01)) is None
-    assert geodetic(HERE, np.array([[30.0, -40.0]]))[0] == pytest.approx(geodetic_from_site(HERE, 30.0, -40.0))
 
 
 def test_a_cut_of_a_log_is_found_though_it_has_an_origin_of_its_own():

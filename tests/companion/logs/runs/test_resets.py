@@ -78,3 +78,20 @@ def test_a_log_is_cut_at_a_reset_as_at_a_pause():
     assert len(reset_intervals(paused)) == 1
     assert recording_intervals(paused) == [(0.0, pytest.approx(29.8)), (pytest.approx(33.2), pytest.approx(59.98))]
     assert recording_intervals(clean_run()) == [(0.0, pytest.approx(59.98))]
+
+
+def test_fixes_once_a_second_of_which_single_ones_are_off_beside_a_boat_that_turns():
+    """Against a false reset by every second such log: the boat turns half a circle while five fixes come."""
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        t_s = np.arange(0.0, 90.0)
+        places = 2.0 * np.column_stack([np.cos(0.4 * t_s), np.sin(0.4 * t_s)]) + rng.normal(0.0, 0.05, (90, 2))
+        assert len(reset_intervals(fixes(t_s, places + 3.0 * (t_s >= AT_S)[:, None]))) == 1
+        places[3 * rng.choice(30, 9, replace=False)] += 2.5
+        assert reset_intervals(fixes(t_s, places)) == []
+
+
+def fixes(t_s: np.ndarray, places: np.ndarray) -> Run:
+    run = clean_run(60.0)
+    columns = {n: np.interp(t_s, run.table["t_s"], run.table[n].fill_null(0.0)) for n in run.table.columns[1:]}
+    return Run(pl.DataFrame({"t_s": t_s, **columns, "north_m": places[:, 0], "east_m": places[:, 1]}), run.meta)

@@ -128,7 +128,7 @@ def test_a_log_without_pause_stays_as_it_is():
 def test_nothing_but_pauses_is_refused():
     run = good()
     rows = [run.table.filter(pl.col("t_s").is_between(a, a + 6.0)) for a in (0.0, 10.0, 20.0)]
-    with pytest.raises(JobError, match="pauses 2 times, first at 6"):
+    with pytest.raises(JobError, match="2 pauses and resets, the first at 6"):
         split_at_pauses(Run(pl.concat(rows), run.meta))
 
 

@@ -135,7 +135,7 @@ def test_a_pause_of_the_recording_is_neither_fitted_nor_counted(run):
     assert found.fitted[1].commands()[0][0] >= 330.0
     about = dict(found.about(VESSEL))
     assert (about["Logs"], about["Of them"]) == ("a.csv (80 s)", "60 s fitted, 20 s held out")
-    assert "cut where the recording paused (1 times)" in found.rule
+    assert "cut at pauses and resets (1 times)" in found.rule
     held_out = (
         split([NamedLog("b.csv", teleop_run(VESSEL, 9, 80.0))], [NamedLog("a.csv", paused)], VESSEL).held_out[0].inside
     )

@@ -16,9 +16,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
+from companion.logs.runs.run import Run
+from sim.fitting.engine.free_parameters import ADVANCE_LOSS
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.engine.windows import StructuredFitError
 from sim.fitting.excite.information import Knowledge
+from sim.fitting.identify.refinements import with_advance_loss
 from sim.fitting.identify.result import FitResult, fit_structured
 from sim.fitting.identify.structured_fit import UNMEASURED
 from sim.fitting.identify.vessel_out import identified_vessel
@@ -28,6 +31,8 @@ from sim.fitting.wiring.record import WiringReport
 
 CARE = (1.5, 2.5)
 """Least and largest caution: of a boat whose file is right, and of one 50 % heavier with thrusters 40 % weaker."""
+SIGMAS = 3.0
+"""An advance loss of fewer is none; assumed."""
 MOST_FAULTS = 3
 """So often logs are asked again after something was put right; assumed: what is still found then comes and goes."""
 
@@ -101,11 +106,24 @@ def learned(
     begun = replaced(BoatBelief.beginning(found.vessel), wiring=found.wiring, logs=logs)
     say("fit")
     try:
-        fit = fit_structured([log.run for log in logs], found.vessel, UNMEASURED)
+        model, fit = fitted(found.vessel, [log.run for log in logs])
     except StructuredFitError as error:
         return replaced(begun, problem=str(error))
-    vessel = identified_vessel(found.vessel, fit, date=date)
-    return replaced(begun, vessel=vessel, known=knowledge_of(found.vessel, vessel, fit), fit=fit)
+    vessel = identified_vessel(model, fit, date=date)
+    return replaced(begun, vessel=vessel, known=knowledge_of(model, vessel, fit), fit=fit)
+
+
+def fitted(vessel: VesselFile, runs: Sequence[Run]) -> tuple[VesselFile, FitResult]:
+    """The fit of the runs, and the model that was fitted: with an advance loss where the runs show one.
+
+    Every propeller has it, and where a fit does not know it hull, lever arms and current take its place.
+    """
+    lossy = with_advance_loss(vessel)
+    fit = fit_structured(runs, lossy, UNMEASURED)
+    loss = fit[ADVANCE_LOSS.name]
+    if lossy == vessel or abs(loss.value) > SIGMAS * loss.se:
+        return lossy, fit
+    return vessel, fit_structured(runs, vessel, UNMEASURED)
 
 
 def signs_checked(logs: Sequence[NamedLog], first: VesselFile) -> Checked:

@@ -175,7 +175,7 @@ class StructuredModel:
             return ca.mtimes(ca.DM(self.B), f)
         nu_r = nu - self.water_velocity(eta)
         if has_thrust_losses(self.vessel):
-            f = apply_thrust_losses(self.vessel, nu_r, f)
+            f = apply_thrust_losses(self.vessel, nu_r, f, self.c.get("advance_loss_s_m"))
         if (actuators := self.actuators) is None:
             return ca.mtimes(ca.DM(self.B), f)
         return ca.mtimes(ca.DM(actuators.directions), actuators.components(nu_r, f))

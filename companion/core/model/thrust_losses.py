@@ -21,11 +21,15 @@ def has_thrust_losses(vessel: VesselFile) -> bool:
     return bool(p.advance_loss_s_m or p.advance_loss_sqrt_N_s_m or any(w.share for w in p.wash))
 
 
-def apply_thrust_losses(vessel: VesselFile, nu_r: Any, f: Any) -> Any:
-    """f' (n,) [N] of forces f (n,) at velocity nu_r through the water; CasADi expressions. Angles stay as they are."""
+def apply_thrust_losses(vessel: VesselFile, nu_r: Any, f: Any, loss_s_m: Any = None) -> Any:
+    """f' (n,) [N] of forces f (n,) at velocity nu_r through the water; CasADi expressions. Angles stay as they are.
+
+    `loss_s_m`: the loss by advance of a file that states one, where a fit looks for it; None: the file's.
+    """
     p, n = vessel.propulsion, len(vessel.thrusters)
+    k_s_m = p.advance_loss_s_m if loss_s_m is None else loss_s_m
     out = washed([f[i] for i in range(n)], jets(vessel))
     if p.advance_loss_s_m or p.advance_loss_sqrt_N_s_m:
-        out = advanced(out, vessel.positions, nu_r, p.advance_loss_s_m, p.advance_loss_sqrt_N_s_m)
+        out = advanced(out, vessel.positions, nu_r, k_s_m, p.advance_loss_sqrt_N_s_m)
     out += [f[i] for i in range(n, len(vessel.controls))]
     return ca.vertcat(*out)

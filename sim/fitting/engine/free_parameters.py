@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.effects.term import LoadParameter
-from companion.core.model.loads import REGISTRY
+from companion.core.model.loads import REGISTRY, values
 
 IMU_PLACE = ("imu_x_m", "imu_y_m")
 SURROUNDINGS = tuple(
@@ -15,12 +15,24 @@ SURROUNDINGS = tuple(
     for way in ("north", "east")
 )
 """Current and wind of the day, by their components; defaults: where a fit begins (at 0 a wind has no slope)."""
+PROPULSION = "propulsion"
+ADVANCE_LOSS = LoadParameter("advance_loss_s_m", "s/m", 0.0, -5.0, 5.0, "share of the thrust lost per m/s")
+"""Of the table `propulsion`, as if that were a term: fitted where the file states one."""
 
 
 def fitted_terms(vessel: VesselFile, surroundings: bool = False) -> tuple[tuple[str, LoadParameter], ...]:
-    """Name of the term and parameter, for every parameter of the vessel's terms that a fit estimates."""
+    """Name of the term and parameter, for every parameter of the vessel's terms that a fit estimates; the advance loss
+    of its propulsion, too.
+    """
     own = tuple((name, p) for name in vessel.terms for p in REGISTRY[name].parameters if p.fitted)
-    return own + SURROUNDINGS * surroundings
+    return own + ((PROPULSION, ADVANCE_LOSS),) * bool(vessel.propulsion.advance_loss_s_m) + SURROUNDINGS * surroundings
+
+
+def stated(vessel: VesselFile, name: str, p: LoadParameter) -> float:
+    """The vessel file's value of one of its `fitted_terms`."""
+    if name == PROPULSION:
+        return vessel.propulsion.advance_loss_s_m
+    return values(name, vessel.terms[name])[p.name]
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,8 @@
     eta_dot = R(psi) nu,    M nu_dot + C(nu) nu + D(nu) nu = tau + terms,    nu_dot of the fit = that + d
 
 x = [x y psi u v r] in NED and body axes, SI units; tau = B f [N, N, N m]; d (3,): latent acceleration of the window.
+Where the file's thrusters lose thrust to moving water, the n forces f [N] follow tau, and B (f_lossy(nu_r) - f) is
+added: f' of `companion.core.model.thrust_losses`, with the file's azimuths.
 The equations are those of `companion.core.model.manoeuvring` (Fossen), the same as in plant, filter and controller.
 """
 
@@ -17,8 +19,9 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.integrate import eta_dot, rk4_step
 from companion.core.model.loads import values as load_values
 from companion.core.model.manoeuvring import StructuredModel
+from companion.core.model.thrust_losses import has_thrust_losses
 from sim.fitting.engine.batched import Batch, Rollout
-from sim.fitting.engine.free_parameters import fitted_terms
+from sim.fitting.engine.free_parameters import PROPULSION, fitted_terms
 from sim.fitting.engine.parameters import HULL
 
 N_HULL = len(HULL)
@@ -41,7 +44,7 @@ def symbolic_model(vessel: VesselFile, q: ca.SX, surroundings: bool = False) -> 
     terms = {name: dict(values) for name, values in base.term_values.items()}
     free = fitted_terms(vessel) if q.numel() > N_HULL else ()
     for k, (name, p) in enumerate(free, N_HULL):
-        terms[name][p.name] = q[k]
+        (c if name == PROPULSION else terms[name])[p.name] = q[k]
     if surroundings:
         V_c, beta_c, V_w, beta_w = (*_polar(q[-4], q[-3]), *_polar(q[-2], q[-1]))
         terms["current"] = load_values("current", {"V_c_m_s": V_c, "beta_c_deg": beta_c})
@@ -60,32 +63,41 @@ class CompiledModel:
 
     p: inertia, damping and fitted terms, (12 + terms,), in file units.
 
-    rollout  x0, [p d], tau at start, middle and end of each step (9,), h -> x after each step, by Runge-Kutta 4
-    rates    x, p, tau, d -> d(x_dot)/dx (6, 6) and d(nu_dot)/d[p tau] (3, 12 + terms + 3), columns stacked; nu_dot
+    rollout  x0, [p d], pushes at start, middle and end of each step, h -> x after each step, by Runge-Kutta 4
+    rates    x, p, push, d -> d(x_dot)/dx (6, 6) and d(nu_dot)/d[p push] (3, 12 + terms + pushes), columns stacked;
+             nu_dot
+    lossy    push = [tau f] (3 + n,); else tau (3,)
     """
 
     rollout: Rollout
     rates: Batch
     steps: int
     windows: int
+    lossy: bool
 
 
 def compile_model(vessel: VesselFile, steps: int, windows: int, surroundings: bool = False) -> CompiledModel:
     """Compile both functions for a problem of the given size."""
     size = N_HULL + len(fitted_terms(vessel, surroundings))
-    x, p, tau, d = ca.SX.sym("x", 6), ca.SX.sym("p", size), ca.SX.sym("tau", 3), ca.SX.sym("d", 3)
+    lossy = has_thrust_losses(vessel)
+    push = ca.SX.sym("push", 3 + len(vessel.thrusters) * lossy)
+    x, p, d = ca.SX.sym("x", 6), ca.SX.sym("p", size), ca.SX.sym("d", 3)
     model = symbolic_model(vessel, p, surroundings)
+    tau, f = push[:3], push[3:]
+    if lossy:
+        tau += model.thrust(x[:3], x[3:], f) - ca.mtimes(ca.DM(model.B), f)
     nu_dot = model.nu_dot(x[:3], x[3:], tau) + d
     x_dot = ca.vertcat(eta_dot(x[:3], x[3:]), nu_dot)
     A = ca.densify(ca.vec(ca.jacobian(x_dot, x)))
-    G = ca.densify(ca.vec(ca.jacobian(nu_dot, ca.vertcat(p, tau))))
-    rates = ca.Function("rates", [x, p, tau, d], ca.cse([A, G, nu_dot]))
-    rate = ca.Function("rate", [x, p, tau, d], [x_dot])
-    return CompiledModel(Rollout(_step(rate, size)), Batch(rates, windows * (steps + 1)), steps, windows)
+    G = ca.densify(ca.vec(ca.jacobian(nu_dot, ca.vertcat(p, push))))
+    rates = ca.Function("rates", [x, p, push, d], ca.cse([A, G, nu_dot]))
+    rate = ca.Function("rate", [x, p, push, d], [x_dot])
+    rollout = Rollout(_step(rate, size, push.numel()))
+    return CompiledModel(rollout, Batch(rates, windows * (steps + 1)), steps, windows, lossy)
 
 
-def _step(rate: ca.Function, size: int) -> ca.Function:
-    """(x, [p d], [tau start, middle, end], h) -> x after h: Runge-Kutta with the force as it is within the step."""
-    x, p, taus, d, h = (ca.SX.sym(*s) for s in (("x", 6), ("p", size), ("taus", 9), ("d", 3), ("h", 1)))
-    x_next: ca.SX = rk4_step(lambda s, tau: rate(s, p, tau, d), x, h, (taus[:3], taus[3:6], taus[6:]))
-    return ca.Function("step", [x, ca.vertcat(p, d), taus, h], ca.cse([x_next]))
+def _step(rate: ca.Function, size: int, count: int) -> ca.Function:
+    """(x, [p d], [push start, middle, end], h) -> x after h: Runge-Kutta with the force as it is within the step."""
+    x, p, pushes, d, h = (ca.SX.sym(*s) for s in (("x", 6), ("p", size), ("pushes", 3 * count), ("d", 3), ("h", 1)))
+    x_next: ca.SX = rk4_step(lambda s, push: rate(s, p, push, d), x, h, tuple(ca.vertsplit(pushes, count)))
+    return ca.Function("step", [x, ca.vertcat(p, d), pushes, h], ca.cse([x_next]))

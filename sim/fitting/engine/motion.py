@@ -62,37 +62,42 @@ class WindowIntegrator:
         parameters = self.parameters
         B, B_turn = self._configuration(q)
         gain = q[parameters.thrusters]
-        share, n = (B * gain).T, len(gain)
+        n = len(gain)
         f, f_mid, f_dead, f_lag = self._thrust(q)
         f, adjust, f_dead, f_lag = f[..., :n], f[..., n:], f_dead[..., :n], f_lag[..., :n]
-        tau, tau_mid, d = f @ share, f_mid[..., :n] @ share, z[:, LATENT]
-        taus = np.concatenate([tau[:, :-1], tau_mid, tau[:, 1:]], axis=2)
+        # what a unit of each force pushes with: tau, and the force itself where moving water weakens it
+        share = np.hstack([(B * gain).T, np.diag(gain)]) if self.compiled.lossy else (B * gain).T
+        push, push_mid, d = f @ share, f_mid[..., :n] @ share, z[:, LATENT]
+        pushes = np.concatenate([push[:, :-1], push_mid, push[:, 1:]], axis=2)
         # 2. Trajectories.
         p = np.append(q[:N_HULL], q[parameters.terms])
         x = np.empty((W, K + 1, 6))
         x[:, 0] = z[:, STATE]
         constants = np.hstack([np.tile(p, (W, 1)), d])
-        x[:, 1:] = self.compiled.rollout(z[:, STATE], constants, taus, self.windows.h_s[:, :, None])
-        # 3. Jacobians of the model at all instants: A, d(nu_dot)/dp and d(nu_dot)/dtau = M^-1.
+        x[:, 1:] = self.compiled.rollout(z[:, STATE], constants, pushes, self.windows.h_s[:, :, None])
+        # 3. Jacobians of the model at all instants: A, d(nu_dot)/dp and d(nu_dot)/d(push) = [M^-1, that by the losses].
         nodes = W * (K + 1)
         d_all = np.repeat(d, K + 1, axis=0)
-        A, G, nu_dot = self.compiled.rates(x.reshape(-1, 6), np.tile(p, (nodes, 1)), tau.reshape(-1, 3), d_all)
-        G = G.reshape(W, K + 1, len(p) + 3, 3).swapaxes(2, 3)
+        m = share.shape[1]
+        A, G, nu_dot = self.compiled.rates(x.reshape(-1, 6), np.tile(p, (nodes, 1)), push.reshape(-1, m), d_all)
+        G = G.reshape(W, K + 1, len(p) + m, 3).swapaxes(2, 3)
         # 4. d(nu_dot)/dq in the order of `Parameters.moving`: hull, gains, dead time, lag, trims, azimuths, curves,
-        #    shares astern, terms. Thruster parameters act through tau: d(nu_dot)/dq = M^-1 dtau/dq.
-        M_inv = G[0, 0, :, len(p) :]
-        changes = [f[..., None, :] * (M_inv @ B), _turned(f_dead, share @ M_inv.T), _turned(f_lag, share @ M_inv.T)]
-        able, each = list(adjustable(parameters.vessel)), M_inv @ share.T
+        #    shares astern, terms. Thruster parameters act through the forces: d(nu_dot)/dq = unit gain df/dq.
+        M_inv = G[0, 0, :, len(p) : len(p) + 3]
+        unit = M_inv @ B + G[..., len(p) + 3 :] if self.compiled.lossy else M_inv @ B
+        each = unit * gain
+        changes = [f[..., None, :] * unit, _turned(f_dead, each), _turned(f_lag, each)]
+        able = list(adjustable(parameters.vessel))
         count = len(able)
         if able:
-            changes += [adjust[..., None, :count] * each[:, able]]
+            changes += [adjust[..., None, :count] * each[..., able]]
             changes += [f[..., None, able] * (M_inv @ (B_turn * gain)[:, able])]
-            changes += [(adjust[..., None, count : 2 * count] * each[:, able]) @ parameters.curve_of]
+            changes += [(adjust[..., None, count : 2 * count] * each[..., able]) @ parameters.curve_of]
         if astern_maps(parameters.vessel):
             changes += [(adjust[..., None, 2 * count :] * each) @ parameters.astern_of]
         changes = [G[..., :N_HULL], *changes, G[..., N_HULL : len(p)]]
-        # 5. What a second of dead time adds to nu over each step: M^-1 (tau at its start - tau at its end).
-        late = _turned(tau[:, :-1] - tau[:, 1:], M_inv.T)[..., 0]
+        # 5. What a second of dead time adds to nu over each step: gain unit (f at its start - f at its end).
+        late = _turned(f[:, :-1] - f[:, 1:], each[:, :-1] if self.compiled.lossy else each)[..., 0]
         A = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy()
         return WindowMotion(x, nu_dot.reshape(W, K + 1, 3).copy(), A, self._late(np.concatenate(changes, axis=3), late))
 
@@ -149,5 +154,7 @@ class WindowIntegrator:
 
 
 def _turned(values: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """values (W, K, n) times `by` (n, 3) as columns (W, K, 3, 1): one matrix product for all windows."""
-    return (values.reshape(-1, len(by)) @ by).reshape(*values.shape[:2], 3, 1)
+    """`by` (3, n) times values (W, K, n) as columns (W, K, 3, 1): one matrix product for all; or by (W, K, 3, n)."""
+    if by.ndim > 2:
+        return by @ values[..., None]
+    return (values.reshape(-1, by.shape[1]) @ by.T).reshape(*values.shape[:2], 3, 1)

@@ -15,9 +15,10 @@ Two vectors of P numbers describe the same boat:
     terms' parameters: e^w or -e^w where their bounds allow one sign only, else w
 
 Trim, azimuth and curve are estimated for thrusters with a pitch map (blades set by linkages), the share astern of each
-other map that states one; of the terms in the vessel file those parameters that the registry marks as fitted. The warp
-W (2 x 2) models how range biases and surveying errors bend the positions: measured = p + W (p - middle). Mass and added
-mass enter the motion only through M: motion cannot separate them. Every w has a normal prior around the file's value.
+other map that states one; of the terms in the vessel file those parameters that the registry marks as fitted, and an
+advance loss that it states. The warp W (2 x 2) models how range biases and surveying errors bend the positions:
+measured = p + W (p - middle). Mass and added mass enter the motion only through M: motion cannot separate them. Every w
+has a normal prior around the file's value.
 """
 
 from __future__ import annotations
@@ -31,9 +32,8 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import PitchMap, VesselFile
 from companion.core.model.effects.term import LoadParameter
-from companion.core.model.loads import values as term_values
 from companion.core.model.manoeuvring import linear_damping, mass_matrix
-from sim.fitting.engine.free_parameters import IMU_PLACE, SURROUNDINGS, PriorSigmas, fitted_terms
+from sim.fitting.engine.free_parameters import IMU_PLACE, SURROUNDINGS, PriorSigmas, fitted_terms, stated
 from sim.fitting.engine.thrust.fitted import adjustable, astern_maps, astern_share, pitch_maps
 
 INERTIA = ("M11_kg", "M22_kg", "M33_kg_m2", "M23_kg_m")
@@ -275,7 +275,7 @@ def file_values(vessel: VesselFile, surroundings: bool = False, imu_place: bool 
     maps = [vessel.force_maps[name] for name in pitch_maps(vessel)]
     extras += [m.curve for m in maps if isinstance(m, PitchMap)]
     extras += [astern_share(vessel.force_maps[name]) or 1.0 for name in astern_maps(vessel)]
-    extras += [term_values(name, vessel.terms[name])[p.name] for name, p in fitted_terms(vessel)]
+    extras += [stated(vessel, name, p) for name, p in fitted_terms(vessel)]
     extras += [p.default for _, p in SURROUNDINGS * surroundings]
     extras += [vessel.sensors.imu.x_m, vessel.sensors.imu.y_m] * imu_place
     lags = [propulsion.dead_time_s, propulsion.lag_s]

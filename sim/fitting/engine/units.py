@@ -11,6 +11,7 @@ UNITS = {
     "_kg_m2": "kg m2",
     "_kg_m": "kg m",
     "_N_s": "N s",
+    "_s_m": "s/m",
     "_kg": "kg",
     "_us": "us",
     "_m_s": "m/s",

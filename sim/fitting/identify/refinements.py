@@ -7,6 +7,7 @@ speed_damping   N = N_ur |u| r      prior of the size that slender-wing theory g
                                     draft, N_ur = -(pi / 8) rho T^2 L^2 (Jones 1946; Clarke et al. 1983, for B = 0)
 munk_moment     N = k u v           either sign: what M lacks of the Munk moment, less the lift of the after-body
 astern          F_astern times a share: the map is of open water, behind or before a hull a propeller gives less
+advance_loss    f - k |f| u_a: force maps are measured at rest, and a propeller that water comes towards gives less
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ COMPASS, UNMEASURED_BOAT = "compass", "unmeasured boat"
 SIZE_UNKNOWN = 1.5
 """Sigma of the logarithm of N_ur: a factor of 4.5 either way, for skegs and several hulls add to it; assumed."""
 SOURCE = "tried by identify"
+LOSS_S_M = 0.1
+"""First guess of the advance loss: a tenth of the thrust at a metre per second; assumed."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,13 @@ def _munk_moment(vessel: VesselFile) -> VesselFile:
     return _with_term(vessel, "munk_moment", k_kg=0.0)
 
 
+def with_advance_loss(vessel: VesselFile) -> VesselFile:
+    """The vessel with a first guess of its thrusters' loss by advance, or as it is where it states one."""
+    if vessel.propulsion.advance_loss_s_m:
+        return vessel
+    return replace(vessel, propulsion=replace(vessel.propulsion, advance_loss_s_m=LOSS_S_M))
+
+
 def _with_term(vessel: VesselFile, name: str, **first: float) -> VesselFile:
     return replace(vessel, terms=vessel.terms | {name: vessel.terms.get(name, {**first, "source": SOURCE})})
 
@@ -82,6 +92,12 @@ REFINEMENTS = (
         "speed_damping", "yaw damping that grows with speed", _speed_damping, {"N_ur_N_s2": (None, SIZE_UNKNOWN)}
     ),
     Refinement("munk_moment", "a yaw moment of u v", _munk_moment, absent=("k_kg", 0.0)),
+    Refinement(
+        "advance_loss",
+        "thrust lost to the boat's speed",
+        with_advance_loss,
+        absent=("advance_loss_s_m", 0.0),
+    ),
 )
 TEXTS = {
     COMPASS: "an error of the heading by how the boat is turned",

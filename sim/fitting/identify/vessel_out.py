@@ -22,7 +22,7 @@ from companion.core.configuration.vessel_file import (
     VesselFile,
 )
 from companion.core.model.load_vessel import munk_limit_kg
-from sim.fitting.engine.free_parameters import IMU_PLACE, SURROUNDINGS, fitted_terms
+from sim.fitting.engine.free_parameters import ADVANCE_LOSS, IMU_PLACE, SURROUNDINGS, fitted_terms
 from sim.fitting.engine.parameters import DAMPING, Parameters
 from sim.fitting.identify.result import FitResult
 
@@ -35,7 +35,8 @@ ROOM = 0.98  # largest share of M that is rigid body, where the file's mass woul
 
 
 def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, session: bool = False) -> VesselFile:
-    """`vessel` with the fitted inertia, damping, gains, azimuths, dead time, lag, terms, UWB latency and tag place.
+    """`vessel` with the fitted inertia, damping, gains, azimuths, dead time, lag, terms, UWB latency and tag place;
+    with its advance loss, where it states one.
 
     Fitted trims are written only for the `session` of the fitted logs itself: where blades stand at neutral changes
     from day to day (docs/cse1.md). Otherwise the file's trims stay; the fitted ones served to keep the other parameters
@@ -44,6 +45,7 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
     Only M is determined, not its division: mass and I_z stay and added mass takes the difference (`inertia_of`).
     """
     q = _within_bounds(vessel, {name: result[name].value for name in Parameters(vessel).names})
+    loss_s_m = q.get(ADVANCE_LOSS.name)
     runs = ", ".join(h[:12] for h in result.data_hashes)
     source = f"identified {date} from {result.samples} samples (run {runs}), prior: vessel file {vessel.name}"
     thrusters = tuple(_thruster(t, q, source, session) for t in vessel.thrusters)
@@ -63,7 +65,8 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
             vessel.propulsion,
             dead_time_s=_round(q["dead_time_s"]),
             lag_s=_round(q["lag_s"]),
-            source=f"{vessel.propulsion.source}; dead time and lag {source}",
+            advance_loss_s_m=0.0 if loss_s_m is None else _round(loss_s_m),
+            source=f"{vessel.propulsion.source}; dead time, lag{'' if loss_s_m is None else ', advance loss'} {source}",
         ),
         force_maps={name: _map(name, force_map, q, source) for name, force_map in vessel.force_maps.items()},
         thrusters=thrusters,
@@ -179,6 +182,8 @@ def _terms(vessel: VesselFile, q: Mapping[str, float], source: str) -> dict[str,
     """The vessel's terms with their fitted parameters; a Munk moment within what the damping holds."""
     terms = {name: dict(values) for name, values in vessel.terms.items()}
     for name, p in fitted_terms(vessel):
+        if name not in terms:
+            continue
         value = _munk_kg(q) if name == "munk_moment" else q[p.name]
         terms[name] |= {p.name: _round(value), "source": source}
     return terms

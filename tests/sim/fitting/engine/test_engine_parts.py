@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
 
+from companion.core.configuration.vessel_file import Wash
 from companion.core.model.integrate import FORCES
 from companion.core.model.manoeuvring import linear_damping, mass_matrix
 from sim.fitting.engine.block_tridiagonal import Chain, Ties
@@ -239,19 +240,24 @@ def test_first_guesses_are_weighted_lines_through_near_fixes(seed: int, count: i
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 
-def test_the_share_astern_moves_the_boat_as_differences_say() -> None:
-    """Exact sensitivity of a trajectory against central differences; a quarter less astern, seed 3."""
+@pytest.mark.parametrize("lossy", [False, True])
+def test_parameters_of_the_thrusters_move_the_boat_as_differences_say(lossy: bool) -> None:
+    """Exact slopes of the accelerations against central differences; a quarter less astern, boats under way, seed 3."""
     vessel = boat("aritra")
     maps = {name: replace(m, astern_share=0.8) for name, m in vessel.force_maps.items()}
-    own = replace(vessel, force_maps=maps)
+    wash = (Wash(behind="rear_port", ahead="front_port", share=0.2),)
+    losses = replace(vessel.propulsion, advance_loss_s_m=0.2, advance_loss_sqrt_N_s_m=0.1, wash=wash)
+    own = replace(vessel, force_maps=maps, propulsion=losses if lossy else vessel.propulsion)
     parameters = Parameters(own)
-    at = parameters.names.index("astern_t200")
     windows = cut_windows([teleop_run(vessel, 3, 30.0)], own, 2.0)
     W, K = windows.size
     move = WindowIntegrator(windows, parameters, compile_model(own, K, W))
     q, z = file_values(own), np.zeros((W, L))
-    assert q[at] == 0.8
-    exact = move(q, z).pushes.nodes[..., list(parameters.moving).index(at)]
-    ends = [move(q + sign * 1e-4 * np.eye(len(q))[at], z).nu_dot[:, 0] for sign in (1, -1)]
-    np.testing.assert_allclose(exact[:, 0], (ends[0] - ends[1]) / 2e-4, atol=1e-6)
-    assert np.abs(exact).max() > 0.1
+    z[:, STATE] = np.random.default_rng(3).normal(0.0, 0.5, (W, 6))
+    exact = move(q, z).pushes.nodes
+    for name in ("gain_front_port", "lag_s", "astern_t200", *["advance_loss_s_m"] * lossy):
+        at = parameters.names.index(name)
+        ends = [move(q + sign * 1e-4 * np.eye(len(q))[at], z).nu_dot[:, 0] for sign in (1, -1)]
+        found = exact[:, 0, :, list(parameters.moving).index(at)]
+        np.testing.assert_allclose(found, (ends[0] - ends[1]) / 2e-4, atol=1e-5, err_msg=name)
+        assert np.abs(found).max() > 0.05, name

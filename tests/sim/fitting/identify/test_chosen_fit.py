@@ -179,3 +179,12 @@ def test_only_what_the_file_lacks_is_tried():
         assert refinement in missing(vessel)
         vessel = refinement.applied(vessel)
         assert refinement not in missing(vessel)
+
+
+@pytest.mark.long
+def test_thrust_that_is_lost_to_the_boats_speed_is_found_by_default():
+    """A quarter per m/s, seed 2."""
+    true = replace(FILE, propulsion=replace(FILE.propulsion, advance_loss_s_m=0.25))
+    found = chosen(teleop_run(true, 2, 150.0, uwb_hz=5.0, sigma_m=0.07))
+    assert "advance_loss" in kept(found)
+    assert found.result["advance_loss_s_m"].value == pytest.approx(0.25, abs=0.02)

@@ -195,3 +195,20 @@ def test_a_short_log_in_which_nothing_moves_says_nothing_of_the_compass() -> Non
     at_rest = partial(KeyboardPilot, habits=Habits(most=(0.5, 0.5, 0.2), home_n=0.5))
     logs = [teleop_run(off, 11, 120.0), *(teleop_run(off, seed, 13.0, pilot=at_rest) for seed in (12, 13, 14))]
     assert fit_structured(logs, PRIOR, UNMEASURED).heading_offset_rad == pytest.approx(0.1, abs=0.02)
+
+
+def test_thrust_that_is_lost_to_the_boats_speed_is_found_and_not_taken_for_hull() -> None:
+    """A quarter per m/s, of which the file states a tenth; without it surge damping came out 2.3 times as large."""
+    aritra = boat("aritra")
+
+    def losing(loss_s_m: float):
+        return replace(aritra, propulsion=replace(aritra.propulsion, advance_loss_s_m=loss_s_m))
+
+    log = teleop_run(losing(0.25), 1, 90.0)
+    found, blind = fit_structured([log], losing(0.1)), fit_structured([log], aritra)
+    assert found["advance_loss_s_m"].value == pytest.approx(0.25, abs=0.01)
+    assert found["X_u_N_s_m"].value == pytest.approx(-3.5, rel=0.15)
+    assert blind["X_u_N_s_m"].value < -6.0
+    written = load_vessel(vessel_toml(identified_vessel(losing(0.1), found, date="2026-01-01")), name="written")
+    assert written.propulsion.advance_loss_s_m == pytest.approx(0.25, abs=0.01)
+    assert identified_vessel(aritra, blind, date="2026-01-01").propulsion.advance_loss_s_m == 0.0

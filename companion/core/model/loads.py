@@ -21,6 +21,7 @@ REGISTRY: dict[str, Term] = {
         waves.TERM,
         yaw_moments.SPEED_DAMPING,
         yaw_moments.MUNK_MOMENT,
+        yaw_moments.ASYMMETRY,
         cross_flow.TERM,
         tether.TERM,
         shallow_zone.TERM,

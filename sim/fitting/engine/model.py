@@ -99,5 +99,6 @@ def compile_model(vessel: VesselFile, steps: int, windows: int, surroundings: bo
 def _step(rate: ca.Function, size: int, count: int) -> ca.Function:
     """(x, [p d], [push start, middle, end], h) -> x after h: Runge-Kutta with the force as it is within the step."""
     x, p, pushes, d, h = (ca.SX.sym(*s) for s in (("x", 6), ("p", size), ("pushes", 3 * count), ("d", 3), ("h", 1)))
-    x_next: ca.SX = rk4_step(lambda s, push: rate(s, p, push, d), x, h, tuple(ca.vertsplit(pushes, count)))
+    start, middle, end = ca.vertsplit(pushes, count)
+    x_next: ca.SX = rk4_step(lambda s, push: rate(s, p, push, d), x, h, (start, middle, end))
     return ca.Function("step", [x, ca.vertcat(p, d), pushes, h], ca.cse([x_next]))

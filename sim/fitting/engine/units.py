@@ -5,6 +5,7 @@ from __future__ import annotations
 UNITS = {
     "_N_s2_m2": "N s2/m2",
     "_N_s2": "N s2",
+    "_N_s2_m": "N s2/m",
     "_N_m_s2": "N m s2",
     "_N_m_s": "N m s",
     "_N_s_m": "N s/m",

@@ -6,6 +6,7 @@ unmeasured boat  gains of single thrusters, places of tag and IMU, a constant er
 speed_damping   N = N_ur |u| r      prior of the size that slender-wing theory gives a single hull of this length and
                                     draft, N_ur = -(pi / 8) rho T^2 L^2 (Jones 1946; Clarke et al. 1983, for B = 0)
 munk_moment     N = k u v           either sign: what M lacks of the Munk moment, less the lift of the after-body
+asymmetry       N = k |u| u         either sign: a keel, a thruster, a sensor's mast that is not quite straight
 astern          F_astern times a share: the map is of open water, behind or before a hull a propeller gives less
 advance_loss    f - k |f| u_a: force maps are measured at rest, and a propeller that water comes towards gives less
 """
@@ -70,6 +71,10 @@ def _munk_moment(vessel: VesselFile) -> VesselFile:
     return _with_term(vessel, "munk_moment", k_kg=0.0)
 
 
+def _asymmetry(vessel: VesselFile) -> VesselFile:
+    return _with_term(vessel, "asymmetry", N_uu_N_s2_m=0.0)
+
+
 def with_advance_loss(vessel: VesselFile) -> VesselFile:
     """The vessel with a first guess of its thrusters' loss by advance, or as it is where it states one."""
     if vessel.propulsion.advance_loss_s_m:
@@ -92,6 +97,7 @@ REFINEMENTS = (
         "speed_damping", "yaw damping that grows with speed", _speed_damping, {"N_ur_N_s2": (None, SIZE_UNKNOWN)}
     ),
     Refinement("munk_moment", "a yaw moment of u v", _munk_moment, absent=("k_kg", 0.0)),
+    Refinement("asymmetry", "a pull to one side that grows with speed", _asymmetry, absent=("N_uu_", 0.0)),
     Refinement(
         "advance_loss",
         "thrust lost to the boat's speed",

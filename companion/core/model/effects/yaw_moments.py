@@ -1,4 +1,4 @@
-"""Moments of the water on a hull that moves ahead: Munk moment, and damping of turns by speed."""
+"""Moments of the water on a hull that moves ahead: Munk moment, damping of turns by speed, a pull to one side."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ def speed_damping(p: Values, vessel: Any, nu_r: Any) -> tuple[Any, Any, Any]:
     return 0.0, 0.0, p["N_ur_N_s2"] * abs(nu_r[0]) * nu_r[2]
 
 
+def asymmetry(p: Values, vessel: Any, nu_r: Any) -> tuple[Any, Any, Any]:
+    """N = N_uu |u_r| u_r: second-order modulus (Fossen 2011, 7.1) of what is not alike to port and to starboard."""
+    return 0.0, 0.0, p["N_uu_N_s2_m"] * abs(nu_r[0]) * nu_r[0]
+
+
 MUNK_MOMENT = Term(
     "munk_moment",
     "N = k u_r v_r: a slender hull turns across the flow",
@@ -28,4 +33,10 @@ SPEED_DAMPING = Term(
     "N = N_ur |u_r| r: turning is damped the more the faster the boat goes ahead or astern",
     (LoadParameter("N_ur_N_s2", "N s2", 0.0, -1000.0, 0.0, "yaw moment of |u_r| r", fitted=True),),
     hull_force=speed_damping,
+)
+ASYMMETRY = Term(
+    "asymmetry",
+    "N = N_uu |u_r| u_r: a hull that is not quite straight turns to one side as it moves",
+    (LoadParameter("N_uu_N_s2_m", "N s2/m", 0.0, -200.0, 200.0, "yaw moment of |u_r| u_r", fitted=True),),
+    hull_force=asymmetry,
 )

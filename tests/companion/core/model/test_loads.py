@@ -164,7 +164,7 @@ def test_energy_without_thrust_only_falls(terms):
 
 
 def test_nothing_is_said_where_a_term_is_at_its_default():
-    for name in ("munk_moment", "tether", "shallow_zone", "cross_flow", "current", "speed_damping"):
+    for name in ("munk_moment", "tether", "shallow_zone", "cross_flow", "current", "speed_damping", "asymmetry"):
         assert pull(having(**{name: {}}), (3.0, 2.0, 1.0), (0.5, 0.2, 0.1)) == pytest.approx([0, 0, 0], abs=1e-12)
 
 
@@ -191,6 +191,12 @@ def test_a_munk_moment_is_held_by_linear_damping_where_there_is_no_other():
     load_vessel(f'{text}\n[terms.munk_moment]\nk_kg = 4.2\nsource = "test"\n', name="boat.toml")
     with pytest.raises(ConfigError, match=r"at most 4\.23 kg"):
         load_vessel(f'{text}\n[terms.munk_moment]\nk_kg = 4.3\nsource = "test"\n', name="boat.toml")
+
+
+def test_asymmetry_turns_the_boat_by_its_way_through_the_water_and_the_other_way_astern():
+    term = having(asymmetry={"N_uu_N_s2_m": 2.0})
+    assert pull(term, (0, 0, 0.4), (0.5, -0.3, 0.2)) == pytest.approx([0, 0, 0.5])
+    assert pull(term, (0, 0, 0.4), (-0.5, -0.3, 0.2)) == pytest.approx([0, 0, -0.5])
 
 
 def test_speed_damping_is_n_ur_u_r_of_the_water_and_takes_energy_ahead_and_astern():

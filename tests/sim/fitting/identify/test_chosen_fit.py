@@ -181,10 +181,19 @@ def test_only_what_the_file_lacks_is_tried():
         assert refinement not in missing(vessel)
 
 
+LOSING = replace(FILE, propulsion=replace(FILE.propulsion, advance_loss_s_m=0.25))
+PULLING = replace(FILE, terms={"asymmetry": {"N_uu_N_s2_m": 4.0, "source": "test"}})
+
+
 @pytest.mark.long
-def test_thrust_that_is_lost_to_the_boats_speed_is_found_by_default():
-    """A quarter per m/s, seed 2."""
-    true = replace(FILE, propulsion=replace(FILE.propulsion, advance_loss_s_m=0.25))
+@pytest.mark.parametrize(
+    ("true", "name", "parameter", "value", "within"),
+    [
+        pytest.param(LOSING, "advance_loss", "advance_loss_s_m", 0.25, 0.02, id="thrust lost to speed"),
+        pytest.param(PULLING, "asymmetry", "N_uu_N_s2_m", 4.0, 0.3, id="a pull to one side"),
+    ],
+)
+def test_what_grows_with_speed_is_found_by_default(true, name, parameter, value, within):
     found = chosen(teleop_run(true, 2, 150.0, uwb_hz=5.0, sigma_m=0.07))
-    assert "advance_loss" in kept(found)
-    assert found.result["advance_loss_s_m"].value == pytest.approx(0.25, abs=0.02)
+    assert kept(found) == {name}
+    assert found.result[parameter].value == pytest.approx(value, abs=within)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 import numpy as np
 
 from sim.commission.stages import PROVEN, STAGES
+from tests.evidence.commission.draw import CAUSES
 from tests.evidence.commission.one_boat import FIRST, MINUTES, OneBoat, commissioned
 from tests.evidence.commission.others import OTHERS
 from tests.evidence.line import Line, at_least, at_most, exactly, information
@@ -23,7 +24,12 @@ CHANCE = 0.05
 """Two missions a boat: ratios that differ by less, as a share, are a tie; assumed."""
 CROSS_TRACK, POSITION = "cross_track_rms_m", "position_rmse_m"
 OVER_TRUE = "cross-track over the true file's"
-KEYWORDS = {"swapped": ("places",), "reversed": ("wrong way", "reversed"), "compass": ("compass", "heading")}
+KEYWORDS = {
+    **{name: (name,) for name in CAUSES},
+    "swapped": ("places",),
+    "reversed": ("wrong way", "reversed"),
+    "compass": ("compass", "heading"),
+}
 """What the reason must speak of where this is hidden."""
 
 

@@ -46,6 +46,7 @@ class BoatBelief:
     known    how well its parameters are known
     wiring   what was found of signs and sides
     fit      the last fit; None before the first
+    model    what was fitted: `first`, or that with an advance loss to look for
     problem  why a fit was not possible
     logs     what it was learnt from, with columns put right
     """
@@ -55,6 +56,7 @@ class BoatBelief:
     known: Knowledge
     wiring: WiringReport = field(default_factory=WiringReport)
     fit: FitResult | None = None
+    model: VesselFile | None = None
     problem: str = ""
     logs: tuple[NamedLog, ...] = ()
 
@@ -110,18 +112,18 @@ def learned(
     except StructuredFitError as error:
         return replaced(begun, problem=str(error))
     vessel = identified_vessel(model, fit, date=date)
-    return replaced(begun, vessel=vessel, known=knowledge_of(model, vessel, fit), fit=fit)
+    return replaced(begun, vessel=vessel, known=knowledge_of(model, vessel, fit), fit=fit, model=model)
 
 
 def fitted(vessel: VesselFile, runs: Sequence[Run]) -> tuple[VesselFile, FitResult]:
-    """The fit of the runs, and the model that was fitted: with an advance loss where the runs show one.
+    """The model that was fitted, with an advance loss where the runs show one, and its fit.
 
     Every propeller has it, and where a fit does not know it hull, lever arms and current take its place.
     """
     lossy = with_advance_loss(vessel)
     fit = fit_structured(runs, lossy, UNMEASURED)
     loss = fit[ADVANCE_LOSS.name]
-    if lossy == vessel or abs(loss.value) > SIGMAS * loss.se:
+    if lossy == vessel or loss.value > SIGMAS * loss.se:
         return lossy, fit
     return vessel, fit_structured(runs, vessel, UNMEASURED)
 

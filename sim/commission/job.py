@@ -37,7 +37,6 @@ from sim.commission.proof import Proof, driven, proof
 from sim.commission.stages import PROVEN, SIGNS, STAGES, Proposal, Stage, propose
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.excite.design import gain_nats
-from sim.fitting.excite.information import indices_of_interest
 
 RESERVE_S = 420.0
 """Kept for the proof and two missions; assumed: the demo's mission takes 110 s."""
@@ -45,6 +44,7 @@ OLD, NEW = "mission-before", "mission"
 BEGINNING, IDENTIFIED, EXTENDED = "first file", "identified", "identified with causes"
 MOST_ENDED = 5
 """So many flights of a stage that were ended early since the program began, and it is over; assumed."""
+NO_TIME = "no time left"
 NO_PLAN = Proposal(None)
 YIELD = (0.05, 1.0)
 """Least and largest share of the expected nats that flights are taken to tell; assumed."""
@@ -134,7 +134,7 @@ class Commissioning:
                 stage, belief, self.task.library, self.task.site, left_s, flown, self._yielded(), self._status
             )
             why = f"{MOST_ENDED} of its flights were ended early" if ended_early >= MOST_ENDED else ""
-            why = why or ("no time left" if left_s <= 0 else "")
+            why = why or (NO_TIME if left_s <= 0 else "")
             if proposal.plan is None or why:
                 self._over[stage.name] = proposal.why or why
                 self._say(f"{stage.name}: over: {self._over[stage.name]}")
@@ -151,8 +151,8 @@ class Commissioning:
             before = belief
             if stage is not PROVEN:
                 belief = self._learn()
-                of = stage.indices(belief.known) if stage.about else indices_of_interest(belief.vessel)
-                record = replace(record, gained=gain_nats(before.known, belief.known, of))
+                of, of_after = (stage.indices(each.known) for each in (before, belief))
+                record = replace(record, gained=gain_nats(before.known, belief.known, of, of_after))
             self.journal.close(folder, record)
             self._say(f"{stage.name}: {record.ending}; {'; '.join(news(before, belief))}")
             if why := self._stopped(record):
@@ -166,7 +166,8 @@ class Commissioning:
         flown = [folder for folder, record in records if record and record.done and stage_of(folder) == PROVEN.name]
         if not flown:
             ended = self._over[PROVEN.name]
-            why = f"no whole proof was flown ({ended}): give the same command again, with more --minutes"
+            more = ", with more --minutes" if ended == NO_TIME else ""
+            why = f"no whole proof was flown ({ended}): give the same command again{more}"
             return self._outcome(belief, belief.vessel, False, why)
         try:
             run = read_run(flown[-1] / LOG, ReadOptions(belief.first, self.task.site))

@@ -133,9 +133,10 @@ def report(outcome: CommissionOutcome, journal: FlightJournal, site: Site, files
     ]
     if outcome.causes:
         sections.insert(2, Section("What else there is", _causes(outcome.causes)))
-    if outcome.belief.fit is not None:
+    fit, model = outcome.belief.fit, outcome.belief.model
+    if fit is not None and model is not None:
         note = "current_*, wind_*: of the day, not written to the file."
-        table = parameter_table(outcome.belief.fit, outcome.belief.first, UNMEASURED)
+        table = parameter_table(fit, model, UNMEASURED)
         sections.append(Section("Parameters", tables=(table,), note=note))
     return page(f"Commissioning of {outcome.vessel.name}", sections)
 

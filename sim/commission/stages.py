@@ -28,7 +28,7 @@ from sim.commission.belief import CARE, BoatBelief
 from sim.commission.signs import CONFIRMED, PULSE_S, distrusted, signs_segments
 from sim.fitting.engine.parameters import HULL
 from sim.fitting.excite.design import CandidateManoeuvre, candidates, choose, gain_nats
-from sim.fitting.excite.information import Knowledge
+from sim.fitting.excite.information import Knowledge, indices_of_interest
 
 LEAST_NATS_PER_MIN = 0.2
 """Of each parameter of the stage, in the mean: a sigma that falls by a fifth in a minute; assumed."""
@@ -49,7 +49,9 @@ class Stage:
     most: int = 1
 
     def indices(self, known: Knowledge) -> np.ndarray:
-        """Its parameters, as indices of w."""
+        """Its parameters, as indices of w; without any of its own those that manoeuvres are designed for."""
+        if not self.about:
+            return indices_of_interest(known.vessel)
         names = known.parameters.names
         return np.flatnonzero([any(name.startswith(head) for head in self.about) for name in names])
 

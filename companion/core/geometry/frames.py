@@ -28,12 +28,12 @@ WGS84_E2 = 6.69437999014e-3
 
 def ssa(angle_rad: float) -> float:
     """Smallest signed angle: `angle_rad` wrapped to [-pi, pi) (Fossen 2021, sec. 13.4)."""
-    wrapped = (angle_rad + math.pi) % math.tau - math.pi
-    return -math.pi if wrapped >= math.pi else wrapped
+    angle_rad = wrapped(angle_rad)
+    return -math.pi if angle_rad >= math.pi else angle_rad
 
 
 def wrapped(angle_rad: Any) -> Any:
-    """As `ssa`, also of an array or a column of a table."""
+    """As `ssa`, also of an array or a column of a table; just below -pi rounding may leave pi."""
     return (angle_rad + math.pi) % math.tau - math.pi
 
 

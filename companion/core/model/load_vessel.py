@@ -43,7 +43,7 @@ def _problems(vessel: VesselFile) -> Iterator[str]:
                 yield f"hull.{key}: missing key: terms.wind needs it"
     yield from loads.problems(vessel.terms)
     yield from _wash_problems(vessel)
-    yield from _munk_problems(vessel)
+    yield from _moment_problems(vessel)
     yield from _cross_flow_problems(vessel)
 
 
@@ -175,10 +175,29 @@ def munk_limit_kg(d: Damping) -> float:
     return max(quadratic, linear / MUNK_SPEED_M_S)
 
 
-def _munk_problems(vessel: VesselFile) -> Iterator[str]:
-    k, most = vessel.terms.get("munk_moment", {}).get("k_kg", 0.0), munk_limit_kg(vessel.damping)
-    if isinstance(k, int | float) and abs(k) > most:
-        yield f"terms.munk_moment.k_kg: feeds energy into the hull; this damping holds at most {most:.3g} kg"
+def asymmetry_limit_N_s2_m(d: Damping, k_kg: float = 0.0) -> float:
+    """Largest |N_uu| of N_uu |u| u that feeds nothing, as `munk_limit_kg`, beside a Munk moment of `k_kg`.
+
+    X_uu |u|^3 + N_rr |r|^3 >= (27/4 X_uu^2 N_rr)^(1/3) u^2 |r|;   X_u u^2 + N r^2 >= 2 sqrt(X_u N) |u r|, with what the
+    coupling leaves of N_r: N = N_r - (Y_r + N_v)^2 / (4 Y_v).
+    """
+    quadratic = abs(27 / 4 * d.X_uu_N_s2_m2**2 * d.N_rr_N_m_s2) ** (1 / 3)
+    left = abs(d.N_r_N_m_s) - (d.Y_r_N_s + d.N_v_N_s) ** 2 / (4 * abs(d.Y_v_N_s_m)) if d.Y_v_N_s_m else 0.0
+    linear = 2 * (abs(d.X_u_N_s_m) * max(left, 0.0)) ** 0.5
+    munk = munk_limit_kg(d)
+    free = 1.0 - min(abs(k_kg) / munk, 1.0) if munk else 1.0
+    return free * max(quadratic, linear / MUNK_SPEED_M_S)
+
+
+def _moment_problems(vessel: VesselFile) -> Iterator[str]:
+    k, most_kg = vessel.terms.get("munk_moment", {}).get("k_kg", 0.0), munk_limit_kg(vessel.damping)
+    if not isinstance(k, int | float):
+        return
+    if abs(k) > most_kg:
+        yield f"terms.munk_moment.k_kg: feeds energy into the hull; this damping holds at most {most_kg:.3g} kg"
+    N_uu, most = vessel.terms.get("asymmetry", {}).get("N_uu_N_s2_m", 0.0), asymmetry_limit_N_s2_m(vessel.damping, k)
+    if isinstance(N_uu, int | float) and abs(N_uu) > most:
+        yield f"terms.asymmetry.N_uu_N_s2_m: feeds energy into the hull; this damping holds at most {most:.3g} N s2/m"
 
 
 def _cross_flow_problems(vessel: VesselFile) -> Iterator[str]:

@@ -20,7 +20,9 @@ JUMP_M_S, JUMP_M = 3.0, 1.0
 BACK, AROUND, AROUND_S = 0.5, 5, 2.0
 """A reset is a jump of which more than this share is left between the medians of so many fixes, and of so long, before
 and after, beside what the boat moves meanwhile; and between the fix before and the second after, the second before and
-the one after: a single one that is off comes back at once, however the boat turns in five seconds."""
+the one after: a single one that is off comes back at once, however the boat turns in five seconds. A boat that moves so
+fast that a few of its steps are as long is taken to go on as it went before, or goes after."""
+FEW_STEPS = 4
 TURNED_RAD, TURNED_RAD_S, SIGMAS = 0.2, 0.3, 10.0
 """Least jump of the heading beside the integrated yaw rate: so much, for each second between samples so much more (what
 the integral of a slow gyro misses), and so many sigmas of what other steps differ, by the median."""
@@ -88,8 +90,12 @@ def _position_resets(run: Run) -> list[tuple[float, float, float]]:
         jump = places[i + 1] - places[i]
         size = float(np.linalg.norm(jump))
         speed_m_s = float(np.median(np.linalg.norm(steps, axis=1)))
-        pairs = ((k, k + 2) for k in (i - 1, i))
-        near_m = [(places[b] - places[a]) @ jump / size - speed_m_s * (t_s[b] - t_s[a]) for a, b in pairs]
+        slow = size > FEW_STEPS * speed_m_s * (t_s[i + 1] - t_s[i])
+        near_m = []
+        for a, b, outer in ((i - 1, i + 1, i - 2), (i, i + 2, i + 2)):
+            step = (places[outer + 1] - places[outer]) / (t_s[outer + 1] - t_s[outer])
+            along_m_s = speed_m_s if slow else float(step @ jump / size)
+            near_m.append((places[b] - places[a]) @ jump / size - along_m_s * (t_s[b] - t_s[a]))
         if min(beyond @ jump / size, *near_m) > BACK * size:
             found.append((float(t_s[i]), float(t_s[i + 1] - t_s[i]), size))
     return found

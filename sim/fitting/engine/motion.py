@@ -5,6 +5,8 @@ latent acceleration d_w of the node:
 
     x_dot = [R(psi) nu;  nu_dot(x, q, tau(t; q)) + d_w],    x(t_w) = z_w[STATE],    tau = B diag(gain) f(t; t_d, T_lag)
 
+less what moving water takes of it (`model`).
+
 The sensitivities S = dx/d[x0, d, q] follow the variational equation along the trajectory,
 
     S_dot = A S + [0; d(nu_dot)/dq],    A = d(x_dot)/dx                      (`jacobian_rows.sensitivities`)

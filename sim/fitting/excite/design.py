@@ -131,9 +131,12 @@ def worth_per_s(
     return float(fall) + 1e-3 * d  # where one segment alone does not help the worst, the other measure decides
 
 
-def gain_nats(before: Knowledge, after: Knowledge, of: np.ndarray) -> float:
-    """1/2 log of the ratio of the determinants of both covariances, of the parameters `of` [nats]."""
-    return 0.5 * (_log_det(before, of) - _log_det(after, of))
+def gain_nats(before: Knowledge, after: Knowledge, of: np.ndarray, of_after: np.ndarray | None = None) -> float:
+    """1/2 log of the ratio of the determinants of both covariances, of the parameters `of` [nats].
+
+    `of_after`: where these stand in the model of `after`, if it has others beside them.
+    """
+    return 0.5 * (_log_det(before, of) - _log_det(after, of if of_after is None else of_after))
 
 
 def _log_det(known: Knowledge, of: np.ndarray) -> float:

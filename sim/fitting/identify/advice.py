@@ -58,6 +58,7 @@ MANOEUVRES = (
     ),
     Manoeuvre(("trim_", "azimuth_"), "weak commands to either side of neutral, of one thruster at a time"),
     Manoeuvre(("N_ur_", "k_kg"), "circles and zig-zags at three speeds, ahead and astern"),
+    Manoeuvre(("N_uu_", "advance_loss"), "straight runs at three speeds, each let run out to rest"),
 )
 """In the order in which they are told."""
 ANYTHING = "slow and fast runs, straight and turning, in which these act most"

@@ -100,7 +100,7 @@ REFINEMENTS = (
     Refinement("asymmetry", "a pull to one side that grows with speed", _asymmetry, absent=("N_uu_", 0.0)),
     Refinement(
         "advance_loss",
-        "thrust lost to the boat's speed",
+        "thrust that changes with the boat's speed",
         with_advance_loss,
         absent=("advance_loss_s_m", 0.0),
     ),

@@ -21,9 +21,10 @@ from companion.core.configuration.vessel_file import (
     Thruster,
     VesselFile,
 )
-from companion.core.model.load_vessel import munk_limit_kg
+from companion.core.model.load_vessel import asymmetry_limit_N_s2_m, munk_limit_kg
 from sim.fitting.engine.free_parameters import ADVANCE_LOSS, IMU_PLACE, SURROUNDINGS, fitted_terms
 from sim.fitting.engine.parameters import DAMPING, Parameters
+from sim.fitting.engine.units import unit_of
 from sim.fitting.identify.result import FitResult
 
 DIGITS = 6  # significant digits of fitted numbers
@@ -103,11 +104,12 @@ def written_otherwise(vessel: VesselFile, result: FitResult) -> list[str]:
                 f"{name}: fitted as {fitted[name]:.3g}, which no vessel file may hold, written as {value:.3g}: look at "
                 "the logs, and at what else is doubtful here."
             )
-    if "munk_moment" in vessel.terms:
-        k_kg, written_kg = fitted["k_kg"], _munk_kg(written)
-        if abs(k_kg - written_kg) > 1e-3:
+    for name, value in _held_by_damping(written).items():
+        if abs(fitted[name] - value) > 1e-3:
+            unit = unit_of(name)
             lines.append(
-                f"k_kg: fitted as {k_kg:.3g} kg, which would feed energy into the hull, written as {written_kg:.3g} kg."
+                f"{name}: fitted as {fitted[name]:.3g} {unit}, which would feed energy into the hull, written as "
+                f"{value:.3g} {unit}."
             )
     return lines
 
@@ -147,10 +149,16 @@ def _bounds(table: type, key: str) -> tuple[float, float]:
     return (-np.inf if number.ge is None else number.ge), (np.inf if number.le is None else number.le)
 
 
-def _munk_kg(q: Mapping[str, float]) -> float:
-    """k within what the fitted damping holds."""
-    most_kg = ROOM * munk_limit_kg(Damping(**{name: q[name] for name in DAMPING}, source="fitted"))
-    return float(np.clip(q["k_kg"], -most_kg, most_kg))
+def _held_by_damping(q: Mapping[str, float]) -> dict[str, float]:
+    """Those moments of `q` that may feed energy, within what the fitted damping holds."""
+    damping, held = Damping(**{name: q[name] for name in DAMPING}, source="fitted"), dict[str, float]()
+    if "k_kg" in q:
+        most_kg = ROOM * munk_limit_kg(damping)
+        held["k_kg"] = float(np.clip(q["k_kg"], -most_kg, most_kg))
+    if "N_uu_N_s2_m" in q:
+        most = ROOM * asymmetry_limit_N_s2_m(damping, held.get("k_kg", 0.0))
+        held["N_uu_N_s2_m"] = float(np.clip(q["N_uu_N_s2_m"], -most, most))
+    return held
 
 
 def _map(name: str, force_map: ForceMap, q: Mapping[str, float], source: str) -> ForceMap:
@@ -179,13 +187,13 @@ def _thruster(thruster: Thruster, q: Mapping[str, float], source: str, session: 
 
 
 def _terms(vessel: VesselFile, q: Mapping[str, float], source: str) -> dict[str, dict[str, float | str]]:
-    """The vessel's terms with their fitted parameters; a Munk moment within what the damping holds."""
+    """The vessel's terms with their fitted parameters, moments within what the damping holds."""
+    held = _held_by_damping(q)
     terms = {name: dict(values) for name, values in vessel.terms.items()}
     for name, p in fitted_terms(vessel):
         if name not in terms:
             continue
-        value = _munk_kg(q) if name == "munk_moment" else q[p.name]
-        terms[name] |= {p.name: _round(value), "source": source}
+        terms[name] |= {p.name: _round(held.get(p.name, q[p.name])), "source": source}
     return terms
 
 

@@ -133,6 +133,8 @@ def test_the_munk_moment_is_k_u_v():
     [
         {"munk_moment": {"k_kg": 73.0}},
         {"munk_moment": {"k_kg": -73.0}},
+        {"asymmetry": {"N_uu_N_s2_m": 22.0}},
+        {"munk_moment": {"k_kg": -36.0}, "asymmetry": {"N_uu_N_s2_m": -11.0}},
         {"shallow_zone": ZONE | {"share": 20.0}},
         {"shallow_zone": ZONE | {"share": -0.9}},
         {"tether": TETHER | {"stiffness_N_m": 40.0}},
@@ -172,6 +174,7 @@ def test_nothing_is_said_where_a_term_is_at_its_default():
     ("table", "says"),
     [
         ("[terms.munk_moment]\nk_kg = 90.0", r"terms.munk_moment.k_kg: feeds energy .* at most 73.2 kg"),
+        ("[terms.asymmetry]\nN_uu_N_s2_m = -23.0", r"terms.asymmetry.N_uu_N_s2_m: feeds energy .* at most 22 N s2/m"),
         ("[terms.cross_flow]\nC_d = -0.9", r"terms.cross_flow.C_d: feeds energy .* holds -0"),
         ("[terms.tether]\nslack_m = -1.0", r"terms.tether.slack_m: expected 0.0 to 1000.0"),
         ("[terms.tether]\nlength_m = 1.0", r"terms.tether.length_m: unknown key"),

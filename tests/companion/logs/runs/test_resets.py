@@ -95,3 +95,15 @@ def fixes(t_s: np.ndarray, places: np.ndarray) -> Run:
     run = clean_run(60.0)
     columns = {n: np.interp(t_s, run.table["t_s"], run.table[n].fill_null(0.0)) for n in run.table.columns[1:]}
     return Run(pl.DataFrame({"t_s": t_s, **columns, "north_m": places[:, 0], "east_m": places[:, 1]}), run.meta)
+
+
+@pytest.mark.parametrize("turning_rad_s", [0.0, 0.2])
+def test_a_reset_beside_a_boat_that_goes_a_metre_and_a_half_between_two_fixes(turning_rad_s):
+    rng, found = np.random.default_rng(5), 0
+    t_s = np.arange(0.0, 60.0)
+    psi = 0.3 + turning_rad_s * t_s
+    for _ in range(20):
+        way = np.cumsum(1.5 * np.column_stack([np.cos(psi), np.sin(psi)]), axis=0) + rng.normal(0.0, 0.05, (60, 2))
+        by = 5.0 * np.array([np.cos(angle := rng.uniform(0, 2 * np.pi)), np.sin(angle)])
+        found += len(reset_intervals(fixes(t_s, way + by * (t_s >= AT_S)[:, None]))) == 1
+    assert found >= 19

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.vessel_text import vessel_toml
@@ -68,3 +69,17 @@ def test_a_heading_offset_that_hull_numbers_allow_for_is_in_the_file_or_told(off
     assert np.degrees(found - before) == pytest.approx(in_file, abs=0.01)
     lines = not_written(result)
     assert len(lines) == told and all("off by 2.9 degrees" in line for line in lines)
+
+
+def test_a_pull_that_would_feed_energy_is_written_as_the_damping_holds_it_and_told():
+    pulling = next(r for r in REFINEMENTS if r.name == "asymmetry").applied(VESSEL)
+    result = fitted()
+    wild = Estimate(
+        name="N_uu_N_s2_m", value=-90.0, se=1.0, ci95=(-92, -88), unit="1", share_of_prior=0.1, determined=True
+    )
+    terms = [p for p in result.parameters if not p.name.startswith("N_uu_")]
+    result = replace(result, parameters=(*terms, wild))
+    written = load_vessel(vessel_toml(identified_vessel(pulling, result, date="2026-01-01")), name="x")
+    assert written.terms["asymmetry"]["N_uu_N_s2_m"] == pytest.approx(-21.6, abs=0.1)
+    (line,) = written_otherwise(pulling, result)
+    assert line.startswith("N_uu_N_s2_m: fitted as -90 N s2/m, which would feed energy into the hull, written as -21.6")

@@ -17,12 +17,11 @@ from companion.logs.runs.unwrap import SILENT_S, integrated
 
 JUMP_M_S, JUMP_M = 3.0, 1.0
 """No small boat moves as fast as this between two fixes."""
-BACK, AROUND, AROUND_S = 0.5, 5, 2.0
+BACK, AROUND, AROUND_S, FEW_STEPS = 0.5, 5, 2.0, 4
 """A reset is a jump of which more than this share is left between the medians of so many fixes, and of so long, before
 and after, beside what the boat moves meanwhile; and between the fix before and the second after, the second before and
 the one after: a single one that is off comes back at once, however the boat turns in five seconds. A boat that moves so
 fast that a few of its steps are as long is taken to go on as it went before, or goes after."""
-FEW_STEPS = 4
 TURNED_RAD, TURNED_RAD_S, SIGMAS = 0.2, 0.3, 10.0
 """Least jump of the heading beside the integrated yaw rate: so much, for each second between samples so much more (what
 the integral of a slow gyro misses), and so many sigmas of what other steps differ, by the median."""

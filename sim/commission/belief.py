@@ -31,8 +31,8 @@ from sim.fitting.wiring.record import WiringReport
 
 CARE = (1.5, 2.5)
 """Least and largest caution: of a boat whose file is right, and of one 50 % heavier with thrusters 40 % weaker."""
-SIGMAS = 3.0
-"""An advance loss of fewer is none; assumed."""
+SIGMAS = 5.0
+"""An advance loss of fewer is none; assumed: with three, logs of pulses alone show one that is not there."""
 MOST_FAULTS = 3
 """So often logs are asked again after something was put right; assumed: what is still found then comes and goes."""
 

@@ -11,6 +11,7 @@ windows explains it by latent accelerations that the controller will not have, a
        same way: with the priors of a measured boat, and with those of one that nobody has measured, in the weather of a
        day. It is kept, for where the model is right it is the more accurate, unless multi-step output error predicts
        better by `NO_WORSE`
+    3. a refinement of which that fit of all logs shows nothing is left out again: halves of a log agree by chance
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from sim.fitting.identify.folds import HORIZONS_S, Halves, folds
 from sim.fitting.identify.horizon import reaches
-from sim.fitting.identify.refinements import COMPASS
+from sim.fitting.identify.refinements import COMPASS, nothing_of, with_refinements
 from sim.fitting.identify.result import INERTIAL, FitResult, fit_structured
 from sim.fitting.identify.structured_fit import FitSettings, Say
 from sim.fitting.identify.trials import MULTI_STEP, WINDOWS, Trial, TrialSearch, multi_step
@@ -37,7 +38,8 @@ class ChosenFit:
     """The chosen fit: the vessel with its refinements, at first guess, the settings, the result.
 
     `trials`: all that were tried, by predictions up to `horizon_s` ahead (0: none were); `why`: as it was chosen;
-    `too_short`: runs that were left out because nothing in them can be predicted so far ahead.
+    `too_short`: runs that were left out because nothing in them can be predicted so far ahead; `left_out`: refinements
+    of the trial that was kept of which all logs together show nothing.
     """
 
     vessel: VesselFile
@@ -47,6 +49,7 @@ class ChosenFit:
     trials: tuple[Trial, ...] = ()
     horizon_s: float = 0.0
     too_short: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def method(self) -> str:
@@ -56,7 +59,8 @@ class ChosenFit:
     @property
     def refinements(self) -> tuple[str, ...]:
         """Names of the refinements that were kept."""
-        return next((trial.refinements for trial in self.trials if trial.kept), ())
+        tried = next((trial.refinements for trial in self.trials if trial.kept), ())
+        return tuple(name for name in tried if name not in self.left_out)
 
 
 def fit_chosen(runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, say: Say) -> ChosenFit:
@@ -82,11 +86,23 @@ def fit_chosen(runs: Sequence[Run], vessel: VesselFile, settings: FitSettings, s
     for own, refinements in holding:
         if result := _if_converged(runs, vessel, own, say):
             why = "it predicts the other half of the logs no worse than multi-step output error"
-            return ChosenFit(vessel, own, result, why, search.trials(WINDOWS, refinements), halves.horizon_s)
+            vessel, result, left_out = _without_nothing(runs, search, own, result, say)
+            trials = search.trials(WINDOWS, refinements)
+            return ChosenFit(vessel, own, result, why, trials, halves.horizon_s, left_out=left_out)
         why = f"the fit of {WINDOWS} does not converge"
     if inertial and not holding:
         why = f"it predicts the other half of the logs better than the fit of {WINDOWS}"
     return _by_multi_step(runs, search, halves, why, say)
+
+
+def _without_nothing(
+    runs: Sequence[Run], search: TrialSearch, settings: FitSettings, result: FitResult, say: Say
+) -> tuple[VesselFile, FitResult, tuple[str, ...]]:
+    """Model and fit without the refinements of which all runs together show nothing, and their names."""
+    left_out = nothing_of(result, search.chosen)
+    vessel = with_refinements(search.plain, set(search.chosen) - left_out)
+    again = _if_converged(runs, vessel, settings, say) if left_out else None
+    return (vessel, again, tuple(sorted(left_out))) if again else (search.model, result, ())
 
 
 def _ask_compass(search: TrialSearch, runs: Sequence[Run], vessel: VesselFile) -> None:

@@ -13,7 +13,7 @@ advance_loss    f - k |f| u_a: force maps are measured at rest, and a propeller 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +21,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import ForceMap, PitchMap, VesselFile
 from companion.core.constants import WATER_KG_M3
+from sim.fitting.identify.result import FitResult
 
 COMPASS, UNMEASURED_BOAT = "compass", "unmeasured boat"
 """Refinements of the heading, and of how little is taken for known."""
@@ -45,6 +46,18 @@ class Refinement:
     applied: Callable[[VesselFile], VesselFile]
     priors: Mapping[str, tuple[float | None, float]] = field(default_factory=dict)
     absent: tuple[str, float] | None = None
+
+
+def with_refinements(vessel: VesselFile, names: Collection[str]) -> VesselFile:
+    """`vessel` with the refinements of these names."""
+    for refinement in REFINEMENTS:
+        vessel = refinement.applied(vessel) if refinement.name in names else vessel
+    return vessel
+
+
+def nothing_of(result: FitResult, names: Collection[str]) -> frozenset[str]:
+    """Those of the refinements `names` of which the boat may have nothing, by the intervals of a fit that has them."""
+    return frozenset(r.name for r in REFINEMENTS if r.name in names and r.absent and result.holds(*r.absent))
 
 
 def missing(vessel: VesselFile) -> list[Refinement]:

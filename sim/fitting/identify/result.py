@@ -109,6 +109,10 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
         """Names of parameters that the method holds at the file's values: no data would determine them by it."""
         return HELD if self.horizon_s else ()
 
+    def holds(self, head: str, value: float) -> bool:
+        """Whether the intervals of all parameters whose names begin with `head` hold `value`."""
+        return all(p.ci95[0] <= value <= p.ci95[1] for p in self.parameters if p.name.startswith(head))
+
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of that name; KeyError where there is none."""
         estimate = next((p for p in self.parameters if p.name == name), None)

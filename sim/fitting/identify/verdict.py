@@ -22,7 +22,7 @@ from sim.fitting.engine.split import OTHER_BOAT, UNCERTAIN
 from sim.fitting.identify.advice import advice
 from sim.fitting.identify.chosen_fit import ChosenFit
 from sim.fitting.identify.plausible import implausible
-from sim.fitting.identify.refinements import REFINEMENTS, TEXTS
+from sim.fitting.identify.refinements import TEXTS, nothing_of
 from sim.fitting.identify.result import COLOURED, Estimate, FitResult, OpenDirection
 from sim.fitting.identify.vessel_out import not_written, written_otherwise
 from sim.fitting.validate.protocol import CHANNELS
@@ -152,7 +152,7 @@ def _believe(believe: str | None, errors: Mapping[str, float]) -> str:
 
 def _refined(chosen: ChosenFit) -> list[str]:
     """Sentences on refinements that the logs asked for, and on those that were kept but may be nothing."""
-    doubtful = {r.name for r in REFINEMENTS if r.absent and _holds(chosen.result, *r.absent)}
+    doubtful = nothing_of(chosen.result, chosen.refinements)
     texts = {name: text for name, text in TEXTS.items() if name in chosen.refinements}
     asked = "; ".join(text for name, text in texts.items() if name not in doubtful)
     kept = "; ".join(text for name, text in texts.items() if name in doubtful)
@@ -161,12 +161,12 @@ def _refined(chosen: ChosenFit) -> list[str]:
         lines.append(
             f"Kept as well, for halves of the logs were predicted better with it, but not surely there: {kept}."
         )
+    if left_out := "; ".join(TEXTS[name] for name in chosen.left_out):
+        lines.append(
+            "Left out again, for halves of the logs were predicted better with it, but all together show nothing: "
+            f"{left_out}."
+        )
     return lines
-
-
-def _holds(structured: FitResult, head: str, value: float) -> bool:
-    """Whether the intervals of all parameters whose names begin with `head` hold `value`."""
-    return all(p.ci95[0] <= value <= p.ci95[1] for p in structured.parameters if p.name.startswith(head))
 
 
 def _distances(validation: Validation, errors: Mapping[str, float]) -> list[str]:

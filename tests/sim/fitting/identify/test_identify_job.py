@@ -279,6 +279,8 @@ def test_a_refinement_that_may_be_nothing_is_not_what_the_logs_ask_for(name, non
         ]
         assert (text in lines[0]) == asked and lines[0].startswith("The logs ask for")
         assert len(lines) == 1 if asked else lines[1].startswith("Kept as well") and text in lines[1]
+    lines = verdict(dataclasses.replace(one, left_out=(refinement,)), validation(structured=0.1), {}).lines
+    assert [line.split(",")[0] for line in lines if text in line] == ["Left out again"]
 
 
 def test_one_of_linear_and_quadratic_damping_is_enough():

@@ -45,8 +45,7 @@ def _inertial(table: pl.DataFrame, imu: Imu) -> pl.DataFrame:
     alone = 0.0 if not imu.misalignment_rad else np.nan
     x, _, rate = correct_imu(imu, a_x, np.where(np.isnan(a_y), alone, a_y), r)
     _, y, _ = correct_imu(imu, np.where(np.isnan(a_x), alone, a_x), a_y, r)
-    psi = correct_heading(imu, psi)
-    psi = wrapped(psi)
+    psi = wrapped(correct_heading(imu, psi))
     new = {"psi_rad": psi, "r_rad_s": rate, "ax_m_s2": x, "ay_m_s2": y}
     return table.with_columns(**{name: pl.Series(name, values) for name, values in new.items()}).fill_nan(None)
 

@@ -64,36 +64,42 @@ class CompiledModel:
     p: inertia, damping and fitted terms, (12 + terms,), in file units.
 
     rollout  x0, [p d], pushes at start, middle and end of each step, h -> x after each step, by Runge-Kutta 4
-    rates    x, p, push, d -> d(x_dot)/dx (6, 6) and d(nu_dot)/d[p push] (3, 12 + terms + pushes), columns stacked;
-             nu_dot
-    lossy    push = [tau f] (3 + n,); else tau (3,)
+    rates    x, p, push, d -> d(x_dot)/dx (6, 6) and d(nu_dot)/d[p push] (3, 12 + terms + push), columns stacked; nu_dot
+    push     tau (3,), or [tau f] (3 + n,): `push_size`
     """
 
     rollout: Rollout
     rates: Batch
     steps: int
     windows: int
-    lossy: bool
+
+
+def push_size(vessel: VesselFile) -> int:
+    """Numbers of a push: tau (3), and the n forces f behind it where moving water weakens them."""
+    return 3 + len(vessel.thrusters) * has_thrust_losses(vessel)
+
+
+def body_force(model: StructuredModel, x: ca.SX, push: ca.SX) -> ca.SX:
+    """tau (3,) at the state x of a push [tau] or [tau f]: with B (f_lossy(nu_r) - f) added."""
+    tau, f = push[:3], push[3:]
+    if f.numel():
+        tau += model.thrust(x[:3], x[3:], f) - ca.mtimes(ca.DM(model.B), f)
+    return tau
 
 
 def compile_model(vessel: VesselFile, steps: int, windows: int, surroundings: bool = False) -> CompiledModel:
     """Compile both functions for a problem of the given size."""
     size = N_HULL + len(fitted_terms(vessel, surroundings))
-    lossy = has_thrust_losses(vessel)
-    push = ca.SX.sym("push", 3 + len(vessel.thrusters) * lossy)
-    x, p, d = ca.SX.sym("x", 6), ca.SX.sym("p", size), ca.SX.sym("d", 3)
+    x, p, d, push = (ca.SX.sym(*s) for s in (("x", 6), ("p", size), ("d", 3), ("push", push_size(vessel))))
     model = symbolic_model(vessel, p, surroundings)
-    tau, f = push[:3], push[3:]
-    if lossy:
-        tau += model.thrust(x[:3], x[3:], f) - ca.mtimes(ca.DM(model.B), f)
-    nu_dot = model.nu_dot(x[:3], x[3:], tau) + d
+    nu_dot = model.nu_dot(x[:3], x[3:], body_force(model, x, push)) + d
     x_dot = ca.vertcat(eta_dot(x[:3], x[3:]), nu_dot)
     A = ca.densify(ca.vec(ca.jacobian(x_dot, x)))
     G = ca.densify(ca.vec(ca.jacobian(nu_dot, ca.vertcat(p, push))))
     rates = ca.Function("rates", [x, p, push, d], ca.cse([A, G, nu_dot]))
     rate = ca.Function("rate", [x, p, push, d], [x_dot])
     rollout = Rollout(_step(rate, size, push.numel()))
-    return CompiledModel(rollout, Batch(rates, windows * (steps + 1)), steps, windows, lossy)
+    return CompiledModel(rollout, Batch(rates, windows * (steps + 1)), steps, windows)
 
 
 def _step(rate: ca.Function, size: int, count: int) -> ca.Function:

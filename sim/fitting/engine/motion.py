@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.core.model.thrust_losses import has_thrust_losses
 from sim.fitting.engine.jacobian_rows import AccelerationPartials
 from sim.fitting.engine.kernels.windows import MIDDLE
 from sim.fitting.engine.model import N_HULL, CompiledModel
@@ -64,11 +65,11 @@ class WindowIntegrator:
         parameters = self.parameters
         B, B_turn = self._configuration(q)
         gain = q[parameters.thrusters]
-        n = len(gain)
+        n, lossy = len(gain), has_thrust_losses(parameters.vessel)
         f, f_mid, f_dead, f_lag = self._thrust(q)
         f, adjust, f_dead, f_lag = f[..., :n], f[..., n:], f_dead[..., :n], f_lag[..., :n]
         # what a unit of each force pushes with: tau, and the force itself where moving water weakens it
-        share = np.hstack([(B * gain).T, np.diag(gain)]) if self.compiled.lossy else (B * gain).T
+        share = np.hstack([(B * gain).T, np.diag(gain)]) if lossy else (B * gain).T
         push, push_mid, d = f @ share, f_mid[..., :n] @ share, z[:, LATENT]
         pushes = np.concatenate([push[:, :-1], push_mid, push[:, 1:]], axis=2)
         # 2. Trajectories.
@@ -86,7 +87,7 @@ class WindowIntegrator:
         # 4. d(nu_dot)/dq in the order of `Parameters.moving`: hull, gains, dead time, lag, trims, azimuths, curves,
         #    shares astern, terms. Thruster parameters act through the forces: d(nu_dot)/dq = unit gain df/dq.
         M_inv = G[0, 0, :, len(p) : len(p) + 3]
-        unit = M_inv @ B + G[..., len(p) + 3 :] if self.compiled.lossy else M_inv @ B
+        unit = M_inv @ B + G[..., len(p) + 3 :] if lossy else M_inv @ B
         each = unit * gain
         changes = [f[..., None, :] * unit, _turned(f_dead, each), _turned(f_lag, each)]
         able = list(adjustable(parameters.vessel))
@@ -99,7 +100,7 @@ class WindowIntegrator:
             changes += [(adjust[..., None, 2 * count :] * each) @ parameters.astern_of]
         changes = [G[..., :N_HULL], *changes, G[..., N_HULL : len(p)]]
         # 5. What a second of dead time adds to nu over each step: gain unit (f at its start - f at its end).
-        late = _turned(f[:, :-1] - f[:, 1:], each[:, :-1] if self.compiled.lossy else each)[..., 0]
+        late = _turned(f[:, :-1] - f[:, 1:], each[:, :-1] if lossy else each)[..., 0]
         A = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy()
         return WindowMotion(x, nu_dot.reshape(W, K + 1, 3).copy(), A, self._late(np.concatenate(changes, axis=3), late))
 

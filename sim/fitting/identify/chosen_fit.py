@@ -100,7 +100,7 @@ def _without_nothing(
 ) -> tuple[VesselFile, FitResult, tuple[str, ...]]:
     """Model and fit without the refinements of which all runs together show nothing, and their names."""
     left_out = nothing_of(result, search.chosen)
-    vessel = with_refinements(search.plain, set(search.chosen) - left_out)
+    vessel = with_refinements(search.bare, set(search.chosen) - left_out)
     again = _if_converged(runs, vessel, settings, say) if left_out else None
     return (vessel, again, tuple(sorted(left_out))) if again else (search.model, result, ())
 

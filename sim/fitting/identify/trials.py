@@ -52,11 +52,11 @@ def multi_step(settings: FitSettings, horizon_s: float) -> FitSettings:
 
 
 class TrialSearch:
-    """The trials. `model`, `settings`, `chosen` (refinements): of the best so far; `plain`: the model without them."""
+    """The trials. `model`, `settings`, `chosen` (refinements): of the best so far; `bare`: the model without them."""
 
     def __init__(self, halves: Halves, vessel: VesselFile, settings: FitSettings, say: Say) -> None:
         self.halves, self.model, self.settings, self._say = halves, vessel, settings, say
-        self.plain = vessel
+        self.bare = vessel
         self.chosen: tuple[str, ...] = ()
         self._plain = self._multi_step(vessel, settings)
         self._best = self._plain
@@ -78,7 +78,7 @@ class TrialSearch:
 
     def refine(self) -> None:
         """Take refinements, the best first, while they are worth it."""
-        self.plain, left = self.model, missing(self.model)
+        self.bare, left = self.model, missing(self.model)
         while left:
             tried = [(self._tried(each), each) for each in left]
             self._trials += [self._trial(MULTI_STEP, (*self.chosen, r.name), score) for score, r in tried]

@@ -35,12 +35,12 @@ class ZigzagPilot(HomingPilot):
     def __init__(self, believed: VesselFile):
         super().__init__()
         limits = axis_reach(believed)[:, 0]
-        self._turns = [
-            (np.array([s.X, 0.0, RUDDER * s.N]) * limits * share, signal(s, believed, where=s.name))
-            for s in library().segments
-            if s.name in STANDARD and isinstance(s, Zigzag | Steps)
-            for share in (s.levels[:1] if isinstance(s, Steps) else (1.0,))
-        ]
+        self._turns = []
+        for s in library().segments:
+            if s.name in STANDARD and isinstance(s, Zigzag | Steps):
+                level = s.levels[0] if isinstance(s, Steps) else 1.0
+                tau = np.array([s.X, 0.0, RUDDER * s.N]) * limits * level
+                self._turns.append((tau, signal(s, believed, where=s.name)))
         self._from_s, self._from_rad, self._side = 0.0, 0.0, 1.0
 
     def wanted(self, t_s: float, x: np.ndarray, anew: bool) -> np.ndarray:

@@ -17,9 +17,8 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import unrotate
 from companion.core.model.integrate import eta_dot, rk4_step
 from companion.core.model.manoeuvring import StructuredModel
-from companion.core.model.thrust_losses import has_thrust_losses
 from sim.fitting.engine.batched import Batch, Rollout
-from sim.fitting.engine.model import N_HULL, symbolic_model
+from sim.fitting.engine.model import N_HULL, body_force, push_size, symbolic_model
 
 
 @dataclass(frozen=True)
@@ -54,15 +53,12 @@ def compile_windows(vessel: VesselFile, steps: int, windows: int) -> CompiledWin
     tau is the body force (3,); where the file's thrusters lose thrust to moving water, the n thruster forces f are
     appended, the model adds B (f_lossy(nu_r) - f), and `slopes` has their columns.
     """
-    tau = ca.SX.sym("tau", 3 + (len(vessel.thrusters) if has_thrust_losses(vessel) else 0))
+    tau = ca.SX.sym("tau", push_size(vessel))
     x, p, d = ca.SX.sym("x", 6), ca.SX.sym("p", N_HULL), ca.SX.sym("d", 3)
     water = ca.SX.sym("water", 2)
     base = symbolic_model(vessel, p)
     model = MovingWaterModel(base.vessel, base.c, base.term_values, flow=water)
-    pushed, f = tau[:3], tau[3:]
-    if f.numel():
-        pushed += model.thrust(x[:3], x[3:], f) - ca.mtimes(ca.DM(model.B), f)
-    nu_dot = model.nu_dot(x[:3], x[3:], pushed)
+    nu_dot = model.nu_dot(x[:3], x[3:], body_force(model, x, tau))
     x_dot = ca.vertcat(eta_dot(x[:3], x[3:]), nu_dot + d)
 
     def flat(expression: Any) -> ca.SX:

@@ -253,11 +253,12 @@ def test_parameters_of_the_thrusters_move_the_boat_as_differences_say(lossy: boo
     W, K = windows.size
     move = WindowIntegrator(windows, parameters, compile_model(own, K, W))
     q, z = file_values(own), np.zeros((W, L))
+    assert q[parameters.names.index("astern_t200")] == 0.8
     z[:, STATE] = np.random.default_rng(3).normal(0.0, 0.5, (W, 6))
     exact = move(q, z).pushes.nodes
     for name in ("gain_front_port", "lag_s", "astern_t200", *["advance_loss_s_m"] * lossy):
         at = parameters.names.index(name)
         ends = [move(q + sign * 1e-4 * np.eye(len(q))[at], z).nu_dot[:, 0] for sign in (1, -1)]
         found = exact[:, 0, :, list(parameters.moving).index(at)]
-        np.testing.assert_allclose(found, (ends[0] - ends[1]) / 2e-4, atol=1e-5, err_msg=name)
-        assert np.abs(found).max() > 0.05, name
+        np.testing.assert_allclose(found, (ends[0] - ends[1]) / 2e-4, atol=1e-6, err_msg=name)
+        assert np.abs(found).max() > 0.1, name

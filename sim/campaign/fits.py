@@ -50,8 +50,8 @@ def identify_figures(case: CaseSetup, work: Work) -> dict[str, Figure]:
     }
     out |= {f"relative_error_{name.replace(' ', '_')}": error for name, error in verdict.relative_error.items()}
     if settings.drive_s:
-        names = Parameters(case.truth, imu_place=True).names
-        true = dict(zip(names, file_values(case.truth, imu_place=True), strict=True))
+        names = Parameters(case.truth, unmeasured_imu=True).names
+        true = dict(zip(names, file_values(case.truth, unmeasured_imu=True), strict=True))
         of_truth = [p for p in fit.parameters if p.name in true]  # current and wind are the day's
         sure = [p for p in of_truth if p.determined and not p.name.startswith("warp_")]
         held = [p.ci95[0] <= true[p.name] <= p.ci95[1] for p in sure]

@@ -18,7 +18,7 @@ from sim.fitting.engine.split import LEAST_FIT_S
 DAY = ("current", "wind", "waves")
 """Terms of a vessel file that belong to the day."""
 ASKED = (
-    "heading_offset", "imu_lever_arm", "uwb_lever_arm", "uwb_latency", "gnss_lever_arm", "gnss_latency",
+    "heading_offset", "hard_iron", "imu_lever_arm", "uwb_lever_arm", "uwb_latency", "gnss_lever_arm", "gnss_latency",
     "advance_loss",
 )  # fmt: skip
 """Causes that the fit has asked for already, with current and wind beside them."""

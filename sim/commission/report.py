@@ -54,12 +54,23 @@ def person(outcome: CommissionOutcome) -> list[str]:
             f"The heading is off by {np.degrees(fit.heading_offset_rad):.0f} degrees. The new file says so; better "
             "still, calibrate the compass, and look whether the autopilot is mounted straight."
         )
+    if (iron_deg := _hard_iron_deg(outcome)) > np.degrees(COMPASS_RAD):
+        lines.append(
+            f"The heading errs by up to {iron_deg:.0f} degrees, by how the boat is turned. The new file says so; "
+            "better still, calibrate the compass where the boat sails, away from iron."
+        )
     if fit is not None:
         lines.append(
             "Weigh the boat: motion shows forces only over inertia, so mass and thrust may be too large or too small "
             "together. It makes no difference to how the boat drives."
         )
     return lines
+
+
+def _hard_iron_deg(outcome: CommissionOutcome) -> float:
+    """Largest error of the heading by how the boat is turned, as believed."""
+    imu = outcome.belief.vessel.sensors.imu
+    return float(np.degrees(np.hypot(imu.hard_iron_cos_rad, imu.hard_iron_sin_rad)))
 
 
 def _wiring(finding: WiringFinding) -> str:

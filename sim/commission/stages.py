@@ -63,7 +63,7 @@ STAGES = (
     Stage("delays", "dead time and lag of the thrusters", ("dead_time", "lag"), ("pulses", "stop and reverse",
           "sway reversals", "yaw reversals"), 1),
     Stage("hull", "mass, damping, gains", (*HULL, "gain_"), (), 4),
-    Stage("sensors", "places of tag and IMU, the tag's latency, the compass", ("tag_", "imu_", "uwb_"),
+    Stage("sensors", "places of tag and IMU, the tag's latency, the compass", ("tag_", "imu_", "hard_iron_", "uwb_"),
           ("spin both ways", "circle to starboard", "circle to port", "sideways turns"), 2),
     Stage("surroundings", "current and wind of the day", ("current_", "wind_"), ("idle", "coast down", "strafe"), 1),
     PROVEN,

@@ -33,7 +33,7 @@ import numpy as np
 from companion.core.configuration.vessel_file import PitchMap, VesselFile
 from companion.core.model.effects.term import LoadParameter
 from companion.core.model.manoeuvring import linear_damping, mass_matrix
-from sim.fitting.engine.free_parameters import IMU_PLACE, SURROUNDINGS, PriorSigmas, fitted_terms, stated
+from sim.fitting.engine.free_parameters import IMU, SURROUNDINGS, PriorSigmas, fitted_terms, stated
 from sim.fitting.engine.thrust.fitted import adjustable, astern_maps, astern_share, pitch_maps
 
 INERTIA = ("M11_kg", "M22_kg", "M33_kg_m2", "M23_kg_m")
@@ -63,7 +63,7 @@ class Parameters:
 
     `overrides`: name -> (centre in file units or None for the file's value, sigma of w). A sigma of 0 fixes it.
     `surroundings`: current and wind, the same in all runs, are fitted too; no property of the boat.
-    `imu_place`: the IMU's lever arm is fitted too.
+    `unmeasured_imu`: the IMU's lever arm and the compass's hard iron are fitted too.
     The slices below are places in q and w alike.
     """
 
@@ -71,7 +71,7 @@ class Parameters:
     sigmas: PriorSigmas = field(default_factory=PriorSigmas)
     overrides: Mapping[str, tuple[float | None, float]] | None = None
     surroundings: bool = False
-    imu_place: bool = False
+    unmeasured_imu: bool = False
 
     @cached_property
     def _terms(self) -> tuple[tuple[str, LoadParameter], ...]:
@@ -99,7 +99,7 @@ class Parameters:
             + curves
             + asterns
             + terms
-            + IMU_PLACE * self.imu_place
+            + IMU * self.unmeasured_imu
         )
 
     @property
@@ -158,7 +158,7 @@ class Parameters:
 
     @property
     def imu(self) -> slice:
-        """Lever arm of the IMU, x and y [m]; empty where it is believed."""
+        """Lever arm of the IMU, x and y [m], and hard iron, cos and sin [rad]; empty where the file is believed."""
         return slice(self.terms.stop, len(self.names))
 
     @cached_property
@@ -231,7 +231,7 @@ class Parameters:
     @cached_property
     def prior(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation of w, (P,) each. The overrides apply last."""
-        q, s = file_values(self.vessel, self.surroundings, self.imu_place), self.sigmas
+        q, s = file_values(self.vessel, self.surroundings, self.unmeasured_imu), self.sigmas
         sigma = np.full(len(q), s.hull)
         sigma[[_M23, _SUM]] = s.coupling
         sigma[_DIFF] = s.coupling * 2 * np.sqrt(q[5] * q[6])
@@ -243,7 +243,8 @@ class Parameters:
         sigma[self.curves], sigma[self.asterns] = s.curve, s.astern
         either = np.array([EITHER_SHARE * (p.upper - p.lower) for _, p in self._terms])
         sigma[self.terms] = np.where(self._term_signs == 0, either, s.term)
-        sigma[self.imu] = s.arm_m
+        if self.unmeasured_imu:
+            sigma[self.imu] = (s.arm_m, s.arm_m, s.hard_iron_rad, s.hard_iron_rad)
         if self.surroundings:
             sigma[self.terms][-len(SURROUNDINGS) :] = (s.current_m_s, s.current_m_s, s.wind_m_s, s.wind_m_s)
         for name, (centre, own) in (self.overrides or {}).items():
@@ -262,7 +263,7 @@ class Parameters:
         return positive
 
 
-def file_values(vessel: VesselFile, surroundings: bool = False, imu_place: bool = False) -> np.ndarray:
+def file_values(vessel: VesselFile, surroundings: bool = False, unmeasured_imu: bool = False) -> np.ndarray:
     """q (P,) as stated in the vessel file."""
     M, D, d = mass_matrix(vessel), linear_damping(vessel), vessel.damping
     tag, propulsion = vessel.sensors.position, vessel.propulsion
@@ -277,6 +278,7 @@ def file_values(vessel: VesselFile, surroundings: bool = False, imu_place: bool 
     extras += [astern_share(vessel.force_maps[name]) or 1.0 for name in astern_maps(vessel)]
     extras += [stated(vessel, name, p) for name, p in fitted_terms(vessel)]
     extras += [p.default for _, p in SURROUNDINGS * surroundings]
-    extras += [vessel.sensors.imu.x_m, vessel.sensors.imu.y_m] * imu_place
+    imu = vessel.sensors.imu
+    extras += [imu.x_m, imu.y_m, imu.hard_iron_cos_rad, imu.hard_iron_sin_rad] * unmeasured_imu
     lags = [propulsion.dead_time_s, propulsion.lag_s]
     return np.array(hull + quadratic + gains + lags + sensors + extras, dtype=float)

@@ -1,6 +1,6 @@
 """Measurement models of the fit: residuals (predicted minus measured, whitened) and their partial derivatives.
 
-    heading          psi + offset + wander
+    heading          psi + offset + wander + a cos psi + b sin psi      a, b: hard iron, less what the file states of it
     yaw rate         r + b_r
     specific force   at the IMU's place, as in `core.geometry.frames.point_acceleration`, + b_ax, b_ay
     position         p + R(psi) l_tag, taken at stamp - latency; bent by the warp W (`parameters`)
@@ -45,20 +45,28 @@ class ImuResiduals:
 
     def arm_m(self, q: np.ndarray) -> tuple[float, float]:
         """The IMU's place, forward and starboard of the body origin."""
-        imu, place = self.parameters.vessel.sensors.imu, q[self.parameters.imu]
-        return (float(place[0]), float(place[1])) if len(place) else (imu.x_m, imu.y_m)
+        imu, own = self.parameters.vessel.sensors.imu, q[self.parameters.imu]
+        return (float(own[0]), float(own[1])) if len(own) else (imu.x_m, imu.y_m)
+
+    def hard_iron_rad(self, q: np.ndarray) -> tuple[float, float]:
+        """By cos and sin of the heading, beyond what the file states: the measured heading is without that."""
+        imu, own = self.parameters.vessel.sensors.imu, q[self.parameters.imu]
+        return (own[2] - imu.hard_iron_cos_rad, own[3] - imu.hard_iron_sin_rad) if len(own) else (0.0, 0.0)
 
     def residual(self, motion: WindowMotion, q: np.ndarray, z: np.ndarray, noise: Noise) -> np.ndarray:
         """Predicted minus measured, whitened, (W, K, 4) in the order of `CHANNELS`; NaN where nothing was measured."""
         K = self.windows.size[1]
         x, nd = motion.x[:, :K], motion.nu_dot[:, :K]
         psi = x[..., 2] + z[:, None, OFFSET] + fade(self.windows, noise) * z[:, None, WANDER]
+        a, b = self.hard_iron_rad(q)
+        if a or b:
+            psi += a * np.cos(x[..., 2]) + b * np.sin(x[..., 2])
         a_x, a_y = point_acceleration(np.moveaxis(x[..., 3:], -1, 0), np.moveaxis(nd, -1, 0), self.arm_m(q))
         biased = [x[..., 5] + z[:, None, BIAS_R], a_x + z[:, None, BIAS_AX], a_y + z[:, None, BIAS_AY]]
         return whitened(np.stack([psi, *biased], axis=2) - self.windows.y, self.windows, noise)
 
     def add_own(self, rows: np.ndarray, motion: WindowMotion, part: slice, noise: Noise) -> None:
-        """Write the derivatives by the lever arm into `rows` (w, K, 4, L + P) of the windows `part`."""
+        """Write the derivatives by lever arm and hard iron into `rows` (w, K, 4, L + P) of the windows `part`."""
         imu = self.parameters.imu
         if imu.start == imu.stop:
             return
@@ -67,6 +75,10 @@ class ImuResiduals:
         for channel, by_x, by_y in ((SURGE, -r2, -r_dot), (SWAY, r_dot, -r2)):
             scale = np.isfinite(self.windows.y[part, :, channel]) / noise.white[channel]
             rows[..., channel, L + imu.start], rows[..., channel, L + imu.start + 1] = scale * by_x, scale * by_y
+        psi, known = motion.x[part, :K, 2], np.isfinite(self.windows.y[part, :, PSI])
+        by_iron = np.stack([np.cos(psi), np.sin(psi)], axis=2)
+        by_iron = whiten(np.where(known[..., None], by_iron, 0.0), known, self.windows.h_s[part], noise)
+        rows[..., PSI, L + imu.start + 2 : L + imu.stop] = by_iron
 
     def slopes(self, motion: WindowMotion, q: np.ndarray) -> np.ndarray:
         """Partial derivatives of psi, r, a_x, a_y by x y psi u v r u_dot v_dot r_dot, (W, K, 4, 9)."""
@@ -75,6 +87,8 @@ class ImuResiduals:
         lx, ly = self.arm_m(q)
         C = np.zeros((W, K, 4, 9))
         C[..., PSI, 2] = C[..., RATE, 5] = C[..., SURGE, 6] = C[..., SWAY, 7] = 1.0
+        a, b = self.hard_iron_rad(q)
+        C[..., PSI, 2] += b * np.cos(motion.x[:, :K, 2]) - a * np.sin(motion.x[:, :K, 2])
         C[..., SURGE, 4], C[..., SURGE, 5], C[..., SURGE, 8] = -r, -v - 2 * lx * r, -ly
         C[..., SWAY, 3], C[..., SWAY, 5], C[..., SWAY, 8] = r, u - 2 * ly * r, lx
         return C

@@ -14,6 +14,7 @@ UNITS = {
     "_N_s": "N s",
     "_s_m": "s/m",
     "_kg": "kg",
+    "_rad": "rad",
     "_us": "us",
     "_m_s": "m/s",
     "_deg": "deg",

@@ -67,7 +67,8 @@ class FitSettings:
     tolerance_nats   predicted decrease below which a step is not taken
     sigmas           priors of the parameters; `overrides`: see `Parameters`
     noise            sensor noise instead of that of the vessel file
-    surroundings     current and wind, the same in all runs, are fitted too; imu_place: the IMU's lever arm
+    surroundings     current and wind, the same in all runs, are fitted too; unmeasured_imu: the IMU's lever arm
+                     and the compass's hard iron
     compass          whether the heading may be put right where the compass errs by how the boat is turned
     heading_offset_rad   how far off a heading may be all the time, instead of what is usual (`Noise.offset_rad`)
     """
@@ -83,17 +84,17 @@ class FitSettings:
     overrides: Mapping[str, tuple[float | None, float]] = field(default_factory=dict)
     noise: Noise | None = None
     surroundings: bool = False
-    imu_place: bool = False
+    unmeasured_imu: bool = False
     heading_offset_rad: float | None = None
     compass: bool = True
 
     def parameters(self, vessel: VesselFile) -> Parameters:
         """What is fitted of this boat, with its priors."""
-        return Parameters(vessel, self.sigmas, self.overrides, self.surroundings, self.imu_place)
+        return Parameters(vessel, self.sigmas, self.overrides, self.surroundings, self.unmeasured_imu)
 
 
 UNMEASURED = FitSettings(
-    sigmas=PriorSigmas(gain=0.3, arm_m=0.3), surroundings=True, imu_place=True, heading_offset_rad=0.2
+    sigmas=PriorSigmas(gain=0.3, arm_m=0.3), surroundings=True, unmeasured_imu=True, heading_offset_rad=0.2
 )
 """Priors of a file that knows the length and the thrusters' places only; assumed."""
 

@@ -112,7 +112,7 @@ class TrialSearch:
             self.settings,
             sigmas=sigmas,
             surroundings=True,
-            imu_place=True,
+            unmeasured_imu=True,
             heading_offset_rad=UNMEASURED.heading_offset_rad,
         )
 

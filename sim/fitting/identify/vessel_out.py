@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.inspect import FloatType, StructType, type_info
 from msgspec.structs import replace
 
-from companion.core.configuration.sensors import Imu
+from companion.core.configuration.sensors import MOST_HARD_IRON_RAD, Imu
 from companion.core.configuration.vessel_file import (
     Damping,
     ForceMap,
@@ -22,7 +22,7 @@ from companion.core.configuration.vessel_file import (
     VesselFile,
 )
 from companion.core.model.load_vessel import asymmetry_limit_N_s2_m, munk_limit_kg
-from sim.fitting.engine.free_parameters import ADVANCE_LOSS, IMU_PLACE, SURROUNDINGS, fitted_terms
+from sim.fitting.engine.free_parameters import ADVANCE_LOSS, HARD_IRON, IMU, SURROUNDINGS, fitted_terms
 from sim.fitting.engine.parameters import DAMPING, Parameters
 from sim.fitting.engine.units import unit_of
 from sim.fitting.identify.result import FitResult
@@ -77,11 +77,14 @@ def identified_vessel(vessel: VesselFile, result: FitResult, *, date: str, sessi
 
 
 def _imu(imu: Imu, result: FitResult, source: str) -> Imu:
-    """The IMU with its fitted place, where that was free, and a constant error of the heading that no compass has."""
-    fitted = {p.name: p.value for p in result.parameters}
-    if IMU_PLACE[0] in fitted:
-        x_m, y_m = (_round(fitted[name]) for name in IMU_PLACE)
-        imu = replace(imu, x_m=x_m, y_m=y_m, source=f"{imu.source}; place {source}")
+    """The IMU with its fitted place and hard iron, where they were free, and a constant error of the heading that no
+    compass has.
+    """
+    fitted = {p.name.removeprefix("imu_"): _round(p.value) for p in result.parameters if p.name in IMU}
+    if fitted:
+        most = MOST_HARD_IRON_RAD
+        fitted |= {name: min(max(fitted[name], -most), most) for name in HARD_IRON}
+        imu = replace(imu, **fitted, source=f"{imu.source}; place, hard iron {source}")
     if abs(result.heading_offset_rad) > COMPASS_RAD:
         total = imu.heading_offset_rad + round(result.heading_offset_rad, 4)
         imu = replace(imu, heading_offset_rad=total, source=f"{imu.source}; heading offset {source}")

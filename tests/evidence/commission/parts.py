@@ -1,8 +1,8 @@
 """Evidence for commissioning: a boat that becomes known by itself, and is watched afterwards."""
 
 from tests.evidence.commission import watch
-from tests.evidence.commission.boats import boats, compared
+from tests.evidence.commission.boats import boats
 from tests.evidence.commission.killed import killed
 from tests.evidence.commission.on_firmware import on_firmware
 
-PARTS = (boats, compared, killed, on_firmware, *watch.PARTS)
+PARTS = (boats, killed, on_firmware, *watch.PARTS)

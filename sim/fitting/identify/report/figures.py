@@ -19,7 +19,7 @@ COARSE = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
 def parameters(result: FitResult, base: VesselFile, settings: FitSettings) -> Figure:
     """Every parameter that cannot change its sign over the base file's value, with its 95 % interval."""
     keeps_sign = settings.parameters(base).is_positive()
-    before = file_values(base, settings.surroundings, settings.imu_place)
+    before = file_values(base, settings.surroundings, settings.unmeasured_imu)
     triples = zip(result.parameters, before, keeps_sign, strict=True)
     shown = [(p, believed) for p, believed, keeps in triples if keeps and believed]
     figure = Figure(figsize=(9, 0.28 * len(shown) + 1.2), layout="constrained")

@@ -29,7 +29,7 @@ def parameter_table(result: FitResult, model: VesselFile, settings: FitSettings)
     `settings`: those of the fit.
     """
     allowed = bands(model)
-    before = file_values(model, settings.surroundings, settings.imu_place)
+    before = file_values(model, settings.surroundings, settings.unmeasured_imu)
     rows = []
     for p, believed in zip(result.parameters, before, strict=True):
         band, prime = allowed.get(p.name), without_dimension(p.name, p.value, model)

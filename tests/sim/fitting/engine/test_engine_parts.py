@@ -20,7 +20,7 @@ from sim.fitting.engine.thrust.battery import commands_of, pulses_of
 from sim.fitting.engine.thrust.history import ThrustCommands, ThrustHistory
 from sim.fitting.engine.units import unit_of
 from sim.fitting.engine.windows import StructuredFitError, cut_windows
-from sim.fitting.identify.structured_fit import FitSettings, StructuredFit
+from sim.fitting.identify.structured_fit import UNMEASURED, FitSettings, StructuredFit
 from sim.studies.boats.draw import draw_boat
 from sim.world.environment import Environment, Weather
 from sim.world.plant import Plant
@@ -170,16 +170,17 @@ def test_windows_without_samples_add_nothing() -> None:
     assert not any(block.any() for block in (chain.A, chain.B, chain.D, chain.g, chain.d))
 
 
-@pytest.fixture(scope="module")
-def small_fit() -> StructuredFit:
+@pytest.fixture(scope="module", params=[FitSettings(), UNMEASURED], ids=["measured", "unmeasured"])
+def small_fit(request: pytest.FixtureRequest) -> StructuredFit:
     run = teleop_run(draw_boat(boat("aritra"), np.random.default_rng(5)), 5, 40.0, uwb_hz=2.0)
-    return StructuredFit([run], boat("aritra"), FitSettings())
+    return StructuredFit([run], boat("aritra"), request.param)
 
 
 def test_gradient_is_the_derivative_of_the_cost(small_fit: StructuredFit) -> None:
     """Every column of the Jacobian at once: along random directions, against central differences."""
     rng = np.random.default_rng(7)
     fit, start = small_fit, small_fit.begin()
+    start.w[fit.parameters.imu] += np.array([0.1, -0.1, 0.2, 0.1])[: len(start.w[fit.parameters.imu])]
     z = start.z + 0.01 * rng.normal(size=start.z.shape)
     z[:, STATE.stop :] = 0.002 * rng.normal(size=(len(z), L - STATE.stop))
     here = fit.point(start.w, z)

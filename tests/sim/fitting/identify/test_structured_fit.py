@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 from msgspec.structs import replace
 
+from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.vessel_text import vessel_toml
@@ -195,6 +196,19 @@ def test_a_short_log_in_which_nothing_moves_says_nothing_of_the_compass() -> Non
     at_rest = partial(KeyboardPilot, habits=Habits(most=(0.5, 0.5, 0.2), home_n=0.5))
     logs = [teleop_run(off, 11, 120.0), *(teleop_run(off, seed, 13.0, pilot=at_rest) for seed in (12, 13, 14))]
     assert fit_structured(logs, PRIOR, UNMEASURED).heading_offset_rad == pytest.approx(0.1, abs=0.02)
+
+
+def test_the_compass_of_an_unmeasured_boat_is_found_beyond_what_its_file_states() -> None:
+    """0.09 cos psi - 0.04 sin psi, of which the file states a part; two minutes of driving, seed 15."""
+
+    def turning(vessel: VesselFile, cos: float, sin: float) -> VesselFile:
+        imu = replace(vessel.sensors.imu, hard_iron_cos_rad=cos, hard_iron_sin_rad=sin)
+        return replace(vessel, sensors=replace(vessel.sensors, imu=imu))
+
+    first = turning(PRIOR, 0.03, 0.01)
+    found = fit_structured([teleop_run(turning(TRUE, 0.09, -0.04), 15, 120.0)], first, UNMEASURED)
+    written = load_vessel(vessel_toml(identified_vessel(first, found, date="2026-01-01")), name="written").sensors.imu
+    assert (written.hard_iron_cos_rad, written.hard_iron_sin_rad) == pytest.approx((0.09, -0.04), abs=0.015)
 
 
 def test_thrust_that_is_lost_to_the_boats_speed_is_found_and_not_taken_for_hull() -> None:

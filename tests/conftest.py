@@ -24,13 +24,15 @@ settings.register_profile("shared machine", deadline=None)
 settings.load_profile("shared machine")
 
 
+STOOD_STILL_S = "machine stood still [s]"
+
+
 class OnlyAStall:
     """May a failed test in real time have another try? Only if the machine stood still meanwhile."""
 
     def __init__(self, stalls):
         self._stalls = stalls
         self._begun_s = {}
-        self._told = []
 
     def again(self, name):
         return self._stalls.longest_s(self._begun_s[name]) > 0.0
@@ -39,10 +41,24 @@ class OnlyAStall:
     def pytest_runtest_setup(self, item):
         self._begun_s[item.nodeid] = time.monotonic()
 
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(self, item):
+        report = yield
+        if report.failed and item.get_closest_marker("real_time"):
+            report.user_properties.append((STOOD_STILL_S, self._stalls.longest_s(self._begun_s[item.nodeid])))
+        return report
+
+
+class StallLines:
+    """At the end: how long the machine stood still during each test in real time that failed."""
+
+    def __init__(self):
+        self._told = []
+
     def pytest_runtest_logreport(self, report):
-        if report.outcome in ("failed", "rerun") and "alone" in report.keywords:
-            stall_s = self._stalls.longest_s(self._begun_s[report.nodeid])
-            self._told.append(f"{report.nodeid} failed; meanwhile the machine stood still for {stall_s:.2f} s")
+        for name, value in report.user_properties:
+            if name == STOOD_STILL_S:
+                self._told.append(f"{report.nodeid} failed; meanwhile the machine stood still for {value:.2f} s")
 
     def pytest_terminal_summary(self, terminalreporter):
         for line in self._told:
@@ -59,19 +75,20 @@ def pytest_configure(config):
     stack = ExitStack()
     config.add_cleanup(stack.close)
     settle(stack)
+    config.pluginmanager.register(StallLines())
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish(session):
-    alone = [item for item in session.items if item.get_closest_marker("alone")]
-    if not alone or session.config.option.collectonly or session.config.option.usepdb:
+    timed = [item for item in session.items if item.get_closest_marker("real_time")]
+    if not timed or session.config.option.collectonly or session.config.option.usepdb:
         return
     stack = ExitStack()
     session.config.add_cleanup(stack.close)
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="stalls")))
     judge = OnlyAStall(stack.enter_context(watched(folder / "stalls.txt")))
     session.config.pluginmanager.register(judge)
-    for item in alone:
+    for item in timed:
         item.add_marker(pytest.mark.flaky(reruns=TRIES_MORE, condition=partial(judge.again, item.nodeid)))
 
 

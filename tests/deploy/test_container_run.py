@@ -23,7 +23,7 @@ CONSOLE = "http://127.0.0.1:8470"
 IMAGE = "aritra-test"
 """Neither a user's image nor the volume with the results is touched."""
 
-pytestmark = [pytest.mark.alone, pytest.mark.long, pytest.mark.matrix]
+pytestmark = [pytest.mark.real_time, pytest.mark.long, pytest.mark.matrix]
 
 
 def run(*words, timeout_s=600):

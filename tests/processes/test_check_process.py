@@ -15,7 +15,7 @@ from sim.world.autopilot.parameter_table import BOARD_PARAMETERS
 from sim.world.autopilot.parameters import ParameterStore
 from tests.sim.world.wirings.wiring_fixture import load
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 ARITRA = aritra()
 ENV = {**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "160"}

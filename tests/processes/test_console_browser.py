@@ -12,7 +12,7 @@ from axe_playwright_python.sync_playwright import Axe
 from tests.support.console_fixture import KEY, Page, TapedBoat, chromium, served
 from tests.support.zenoh_fixture import free_port
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 LIVE = "document.querySelector('#link').dataset.kind === 'live'"
 WENT_AWAY = ("ERR_CONNECTION_REFUSED", "WebSocket connection")

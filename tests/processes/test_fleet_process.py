@@ -18,7 +18,7 @@ from companion.python_child import aritra
 from tests.processes.test_telemetry_process import router
 from tests.support.zenoh_fixture import console, free_port, wait_for
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 NEAR = "[[waypoints]]\nnorth_m = 9.0\neast_m = 8.5\n[[waypoints]]\nnorth_m = 11.0\neast_m = 9.0\n"
 

@@ -18,7 +18,7 @@ import zenoh
 from companion.core.telemetry import structs as shore
 from tests.support.console_fixture import served, state
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 
 def free_port() -> int:

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as wire
 from companion.boat.load_run import EXAMPLES
 from tests.processes.test_loopback import DRIVING_S, free_port, process, wait_for
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 KEY = bytes(range(150, 182))
 OTHER = bytes(range(10, 42))

@@ -14,7 +14,7 @@ from tests.evidence.safe.pen import Override, Pen, Step
 from tests.evidence.safe.trial import ALL_RULES, Trial
 from tests.evidence.safe.wire import delayed, duplicated, garbled, reordered, silent
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 BY_NAME = {f"{case.group}: {case.name}": case for case in CASES}
 EVERYDAY = (

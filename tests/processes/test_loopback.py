@@ -20,7 +20,7 @@ from companion.logs.log_file import LogFile
 from companion.logs.recover import recover
 from companion.python_child import aritra
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 ARITRA = aritra()
 ENV = {**os.environ, "PYTHONUNBUFFERED": "1"}

@@ -19,7 +19,7 @@ from companion.core.messages import LoopTiming, OverrideLease, VehicleRequest
 from companion.logs.log_file import LogFile
 from companion.python_child import aritra, python
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 ARITRA = aritra()
 WATCHDOG_S = 2.0

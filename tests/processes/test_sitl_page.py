@@ -80,7 +80,7 @@ def test_the_page_has_its_five_steps():
 
 
 @pytest.mark.long
-@pytest.mark.alone
+@pytest.mark.real_time
 @pytest.mark.firmware
 @pytest.mark.flaky(reruns=1)
 @pytest.mark.skipif(not binaries(), reason="ARDUROVER names no firmware (a desktop build of ArduPilot Rover)")

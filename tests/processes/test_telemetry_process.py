@@ -22,7 +22,7 @@ from companion.logs.log_file import LogFile
 from tests.processes.test_loopback import DRIVING_S, GroundStation, free_port, process, wait_for
 from tests.support.zenoh_fixture import console
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 KEY = bytes(range(100, 132))
 

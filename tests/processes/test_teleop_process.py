@@ -16,7 +16,7 @@ from companion.core.messages import Alert, ManualInput, ModeStatus, OverrideLeas
 from companion.logs.log_file import LogFile
 from tests.processes.test_loopback import ARITRA, DRIVING_S, ENV, GroundStation, free_port, process, wait_for
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 NEUTRAL = (1500,) * 4
 

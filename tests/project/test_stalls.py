@@ -25,7 +25,7 @@ def stand_still():
     os.kill(watcher, signal.SIGCONT)
     time.sleep(0.2)
 
-@pytest.mark.alone
+@pytest.mark.real_time
 def test_once():
     runs.append(1)
     STALL
@@ -66,11 +66,11 @@ def played(tmp_path, stall, failures):
     rarely = source.replace("STALL_S = 0.05", "STALL_S = 0.4")  # what no machine does by chance
     (support / "stalls.py").write_text(rarely)
     (tmp_path / "pytest.ini").write_text(
-        "[pytest]\nmarkers = alone\npythonpath = .\naddopts = --import-mode=importlib\n"
+        "[pytest]\nmarkers = real_time\npythonpath = .\naddopts = --import-mode=importlib\n"
     )
     (tmp_path / "tests" / "test_it.py").write_text(STORY.replace("STALL", stall).replace("FAILURES", str(failures)))
     done = subprocess.run(
-        python("-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", "tests/test_it.py"),
+        python("-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", "-n", "1", "tests/test_it.py"),
         cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     return done.stdout + done.stderr

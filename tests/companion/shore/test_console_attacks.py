@@ -134,7 +134,7 @@ def test_half_sent_requests_end_and_a_stop_goes_through_meanwhile():
     asyncio.run(play())
 
 
-@pytest.mark.alone
+@pytest.mark.real_time
 def test_a_flood_of_samples_keeps_no_stop_waiting():
     """The flood goes on until the STOP is answered; a busy machine may want a second order, as a person would give."""
 

@@ -8,7 +8,7 @@ from tests.processes.console.test_console_mission import click, drag
 from tests.project.house import ROOT
 from tests.support.console_fixture import Page, TapedBoat
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 SITE = ROOT / "deploy/sites/basin.toml"
 SAID = "document.querySelector('#fence-says').innerText.includes('{}')"

@@ -8,7 +8,7 @@ from companion.core.geometry.frames import Origin, site_from_geodetic
 from companion.core.messages import Alert
 from tests.support.console_fixture import Page
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 EARS = """
 globalThis.tones = []; globalThis.notes = [];

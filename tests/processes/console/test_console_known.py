@@ -7,7 +7,7 @@ import pytest
 from tests.processes.console.test_console_lost import by_hand
 from tests.support.console_fixture import Page
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 TELL = """() => { globalThis.tell = (boat, t_ms, more = {}, site = {}) => { const told = about(boat, t_ms);
   Object.assign(told.sample, site); frame(t_ms, { [boat]: [0, true, 1, ''] }, [told, state(boat, t_ms, more)]); };

@@ -7,7 +7,7 @@ import pytest
 from tests.processes.console.layout import SIZES, THEMES, overlaps, resize, scroll
 from tests.support.console_fixture import CHOSEN, Page, TapedBoat
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 FLEETS = {0: (), 1: ("taped",), 3: ("boat-1", "boat-2", "boat-3")}
 

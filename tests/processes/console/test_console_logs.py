@@ -7,7 +7,7 @@ from tests.processes.console.layout import SIZES, THEMES, overlaps, resize
 from tests.processes.console.test_console_theme import grave
 from tests.support.console_fixture import Page, served
 
-pytestmark = [pytest.mark.alone, pytest.mark.long]
+pytestmark = [pytest.mark.real_time, pytest.mark.long]
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import pytest
 
 from tests.support.console_fixture import Page
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 BY_HAND = """() => { const line = aritra.connection, real = line.socket;
 line.socket = null; real.close(); clearInterval(line.watch); [line.open, line.clocks] = [true, []];

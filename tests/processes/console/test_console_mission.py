@@ -10,7 +10,7 @@ from tests.processes.console.test_console_theme import grave
 from tests.project.house import ROOT
 from tests.support.console_fixture import Page, TapedBoat
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 READY = "!document.querySelector('#hold').disabled && aritra.map.boats.get('one')?.made.has('hull')"
 ROWS = """[...document.querySelectorAll('#mission-list li')]

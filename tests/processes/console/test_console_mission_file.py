@@ -12,7 +12,7 @@ from companion.core.geometry.fence import Fence, clearance, crossing
 from companion.core.guidance.missions.mission import parse
 from tests.support.console_fixture import Page
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 SEEDS = range(40)
 NAMES = (

@@ -4,7 +4,7 @@ import pytest
 
 from tests.support.console_fixture import Page, TapedBoat
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 SHOWN = "[...document.querySelectorAll('.plot:not([hidden]) .title')].map((t) => t.innerText)"
 READY = (

@@ -9,7 +9,7 @@ from tests.evidence.friendly.driving import PAD
 from tests.processes.console.layout import SIZES, THEMES, overlaps, place, reachable, resize
 from tests.support.console_fixture import Page
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 READY = "!document.querySelector('#hold').disabled && aritra.map.boats.get('one')?.made.has('hull')"
 REST, AHEAD = "pad.moved++; pad.axes = [0, 0, 0, 0]", "pad.moved++; pad.axes = [0, -1, 0, 0]"

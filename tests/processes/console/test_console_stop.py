@@ -7,7 +7,7 @@ import pytest
 from tests.processes.console.layout import SIZES, place, reachable, resize, scroll
 from tests.support.console_fixture import KEY, Page, TapedBoat, served
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 MISSION = "# a mission\nnonsense = 1\n"
 

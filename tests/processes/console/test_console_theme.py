@@ -8,7 +8,7 @@ from axe_playwright_python.sync_playwright import Axe
 from tests.processes.console.layout import THEMES
 from tests.support.console_fixture import CHOSEN, Page, TapedBoat
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 PAPER = "getComputedStyle(document.querySelector('header')).backgroundColor"
 WHITE, DARK = "rgb(255, 255, 255)", "rgb(22, 27, 32)"

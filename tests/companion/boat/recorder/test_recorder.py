@@ -69,7 +69,7 @@ while True:
 """
 
 
-@pytest.mark.alone
+@pytest.mark.real_time
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.long
 def test_sigkill_loses_at_most_one_second(tmp_path, seed):

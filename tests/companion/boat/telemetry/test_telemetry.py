@@ -109,7 +109,7 @@ def test_a_late_joiner_gets_history_last_values_and_the_checks():
 
 
 @pytest.mark.long
-@pytest.mark.alone
+@pytest.mark.real_time
 def test_a_router_that_comes_late_has_the_boat_within_two_seconds():
     """Zenoh's own pause between attempts has grown to 4 s by then."""
     port = free_port()

@@ -231,7 +231,7 @@ def test_why_a_flight_ended_is_the_last_that_its_log_says(tmp_path):
     assert boats.last_reason(log_of(tmp_path / "3.mcap", idle)) == "idle: waits"
 
 
-@pytest.mark.alone
+@pytest.mark.real_time
 @pytest.mark.long
 def test_a_flight_on_real_wires_leaves_its_log_in_its_folder(tmp_path):
     files = flight(folder := tmp_path / "01-signs")

@@ -12,7 +12,7 @@ from drivers.ports.pseudo_terminal import LinkClaim
 from tests.drivers.ports.port_pairs import free_port
 from tests.support.zenoh_fixture import wait_for
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 
 def start(words, out):

@@ -12,7 +12,7 @@ import pytest
 from tests.support.autopilots.client_autopilots import autopilot
 from tests.support.autopilots.firmware_rig import binaries
 
-pytestmark = [pytest.mark.alone, pytest.mark.long]
+pytestmark = [pytest.mark.real_time, pytest.mark.long]
 
 MODULES = "link,param,mode,arm,cmdlong,rc,ftp,wp"
 MAVPROXY = Path(sys.executable).with_name("mavproxy.py")

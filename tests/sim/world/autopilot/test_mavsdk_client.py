@@ -19,7 +19,7 @@ from tests.sim.world.autopilot.autopilot_process import booted_rover, served, un
 from tests.support.autopilots.client_autopilots import autopilot
 from tests.support.autopilots.firmware_rig import binaries
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 FIRMWARES = [
     pytest.param(path, id=path.parent.name, marks=[pytest.mark.firmware, pytest.mark.long]) for path in binaries()

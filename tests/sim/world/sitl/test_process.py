@@ -19,7 +19,7 @@ from drivers.uwb import uwb_codec
 from tests.sim.world.sitl.sitl_fixture import packet
 from tests.support.drive_fixture import setup
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.real_time
 
 FIRMWARE = [sys.executable, str(Path(__file__).with_name("json_firmware.py"))]
 ENV = {**os.environ, "PYTHONUNBUFFERED": "1"}

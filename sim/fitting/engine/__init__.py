@@ -1,6 +1,7 @@
 """What every fit is built on: windows of logs, sensor noise, parameters, trajectories with their Jacobians, a smoother.
 
 windows            logs cut into windows of equal step count, integrated side by side
+wind               the wind that a log measured, by window
 parameters, noise  what is estimated, with priors; what the sensors add
 model, batched     the vessel model as CasADi expressions, compiled for many windows
 motion             trajectories of all windows

@@ -23,15 +23,19 @@ from companion.core.model.thrust_losses import has_thrust_losses
 from sim.fitting.engine.batched import Batch, Rollout
 from sim.fitting.engine.free_parameters import PROPULSION, fitted_terms
 from sim.fitting.engine.parameters import HULL
+from sim.fitting.engine.wind import INPUTS, takes_wind
 
 N_HULL = len(HULL)
 TINY = 1e-12
 
 
-def symbolic_model(vessel: VesselFile, q: ca.SX, surroundings: bool = False) -> StructuredModel:
+def symbolic_model(
+    vessel: VesselFile, q: ca.SX, surroundings: bool = False, wind: ca.SX | None = None
+) -> StructuredModel:
     """Model of the vessel file with inertia and damping q[:12] (order of `HULL`) as symbols; fitted terms may follow.
 
-    M fixes only the sum of rigid body and added mass: mass and I_z stay as in the file, added mass takes the rest.
+    `wind`: `INPUTS` of the window (`engine.wind`). M fixes only the sum of rigid body and added mass: mass and I_z stay
+    as in the file, added mass takes the rest.
     """
     base = StructuredModel.of(vessel)
     i = vessel.inertia
@@ -46,9 +50,13 @@ def symbolic_model(vessel: VesselFile, q: ca.SX, surroundings: bool = False) -> 
     for k, (name, p) in enumerate(free, N_HULL):
         (c if name == PROPULSION else terms[name])[p.name] = q[k]
     if surroundings:
-        V_c, beta_c, V_w, beta_w = (*_polar(q[-4], q[-3]), *_polar(q[-2], q[-1]))
+        V_c, beta_c = _polar(q[-4], q[-3])
         terms["current"] = load_values("current", {"V_c_m_s": V_c, "beta_c_deg": beta_c})
-        terms["wind"] = load_values("wind", vessel.terms.get("wind", {})) | {"V_w_m_s": V_w, "beta_w_deg": beta_w}
+    if wind is not None and wind.numel():
+        comes = wind[:2] + (1 - wind[2]) * q[-2:] if surroundings else wind[:2]
+        V_w, beta_w = _polar(comes[0], comes[1])
+        steady = {"V_w_m_s": V_w, "beta_w_deg": beta_w, "gustiness": 0.0}
+        terms["wind"] = load_values("wind", vessel.terms.get("wind", {})) | steady
     return StructuredModel(vessel, c, terms)
 
 
@@ -61,10 +69,10 @@ def _polar(north: ca.SX, east: ca.SX) -> tuple[ca.SX, ca.SX]:
 class CompiledModel:
     """Compiled functions of one vessel file for `windows` windows of `steps` steps.
 
-    p: inertia, damping and fitted terms, (12 + terms,), in file units.
+    p: inertia, damping and fitted terms, (12 + terms,), in file units, then the window's wind (`wind_inputs`).
 
     rollout  x0, [p d], pushes at start, middle and end of each step, h -> x after each step, by Runge-Kutta 4
-    rates    x, p, push, d -> d(x_dot)/dx (6, 6) and d(nu_dot)/d[p push] (3, 12 + terms + push), columns stacked; nu_dot
+    rates    x, p, push, d -> d(x_dot)/dx (6, 6) and d(nu_dot)/d[p push] (3, p + push), columns stacked; nu_dot
     push     tau (3,), or [tau f] (3 + n,): `push_size`
     """
 
@@ -89,9 +97,10 @@ def body_force(model: StructuredModel, x: ca.SX, push: ca.SX) -> ca.SX:
 
 def compile_model(vessel: VesselFile, steps: int, windows: int, surroundings: bool = False) -> CompiledModel:
     """Compile both functions for a problem of the given size."""
-    size = N_HULL + len(fitted_terms(vessel, surroundings))
+    fitted = N_HULL + len(fitted_terms(vessel, surroundings))
+    size = fitted + INPUTS * takes_wind(vessel, surroundings)
     x, p, d, push = (ca.SX.sym(*s) for s in (("x", 6), ("p", size), ("d", 3), ("push", push_size(vessel))))
-    model = symbolic_model(vessel, p, surroundings)
+    model = symbolic_model(vessel, p[:fitted], surroundings, p[fitted:])
     nu_dot = model.nu_dot(x[:3], x[3:], body_force(model, x, push)) + d
     x_dot = ca.vertcat(eta_dot(x[:3], x[3:]), nu_dot)
     A = ca.densify(ca.vec(ca.jacobian(x_dot, x)))

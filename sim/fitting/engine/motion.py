@@ -30,6 +30,7 @@ from sim.fitting.engine.noise import LATENT, STATE
 from sim.fitting.engine.parameters import Parameters
 from sim.fitting.engine.thrust.fitted import adjustable, astern_maps
 from sim.fitting.engine.thrust.history import ThrustCommands, ThrustHistory
+from sim.fitting.engine.wind import wind_inputs
 from sim.fitting.engine.windows import Windows
 
 
@@ -73,21 +74,21 @@ class WindowIntegrator:
         push, push_mid, d = f @ share, f_mid[..., :n] @ share, z[:, LATENT]
         pushes = np.concatenate([push[:, :-1], push_mid, push[:, 1:]], axis=2)
         # 2. Trajectories.
-        p = np.append(q[:N_HULL], q[parameters.terms])
+        wind = wind_inputs(self.windows.wind_m_s, parameters.vessel, parameters.surroundings)
+        p = np.hstack([np.tile(np.append(q[:N_HULL], q[parameters.terms]), (W, 1)), wind])
         x = np.empty((W, K + 1, 6))
         x[:, 0] = z[:, STATE]
-        constants = np.hstack([np.tile(p, (W, 1)), d])
+        constants = np.hstack([p, d])
         x[:, 1:] = self.compiled.rollout(z[:, STATE], constants, pushes, self.windows.h_s[:, :, None])
         # 3. Jacobians of the model at all instants: A, d(nu_dot)/dp and d(nu_dot)/d(push) = [M^-1, that by the losses].
-        nodes = W * (K + 1)
-        d_all = np.repeat(d, K + 1, axis=0)
-        m = share.shape[1]
-        A, G, nu_dot = self.compiled.rates(x.reshape(-1, 6), np.tile(p, (nodes, 1)), push.reshape(-1, m), d_all)
-        G = G.reshape(W, K + 1, len(p) + m, 3).swapaxes(2, 3)
+        p_all, d_all = (np.repeat(each, K + 1, axis=0) for each in (p, d))
+        m, pushed, last = share.shape[1], p.shape[1], p.shape[1] - wind.shape[1]
+        A, G, nu_dot = self.compiled.rates(x.reshape(-1, 6), p_all, push.reshape(-1, m), d_all)
+        G = G.reshape(W, K + 1, pushed + m, 3).swapaxes(2, 3)
         # 4. d(nu_dot)/dq in the order of `Parameters.moving`: hull, gains, dead time, lag, trims, azimuths, curves,
         #    shares astern, terms. Thruster parameters act through the forces: d(nu_dot)/dq = unit gain df/dq.
-        M_inv = G[0, 0, :, len(p) : len(p) + 3]
-        unit = M_inv @ B + G[..., len(p) + 3 :] if lossy else M_inv @ B
+        M_inv = G[0, 0, :, pushed : pushed + 3]
+        unit = M_inv @ B + G[..., pushed + 3 :] if lossy else M_inv @ B
         each = unit * gain
         changes = [f[..., None, :] * unit, _turned(f_dead, each), _turned(f_lag, each)]
         able = list(adjustable(parameters.vessel))
@@ -98,7 +99,7 @@ class WindowIntegrator:
             changes += [(adjust[..., None, count : 2 * count] * each[..., able]) @ parameters.curve_of]
         if astern_maps(parameters.vessel):
             changes += [(adjust[..., None, 2 * count :] * each) @ parameters.astern_of]
-        changes = [G[..., :N_HULL], *changes, G[..., N_HULL : len(p)]]
+        changes = [G[..., :N_HULL], *changes, G[..., N_HULL:last]]
         # 5. What a second of dead time adds to nu over each step: gain unit (f at its start - f at its end).
         late = _turned(f[:, :-1] - f[:, 1:], each[:, :-1] if lossy else each)[..., 0]
         A = A.reshape(W, K + 1, 6, 6).swapaxes(2, 3).copy()

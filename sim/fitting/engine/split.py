@@ -28,13 +28,14 @@ from companion.logs.runs.origin import with_one_origin
 from companion.logs.runs.problems import IDLE_US, dead_columns, unit_fault
 from companion.logs.runs.run import LogProblem, Run, RunError, RunMeta
 from companion.logs.runs.splits import HeldOut, Interval, alternate, length_s, parts, recording_intervals, tail
+from sim.fitting.engine.wind import is_measured
 from sim.fitting.engine.windows import LEAST_FIXES, SETTLE_S, inside_edges
 
 SHARE = 0.25
 LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
 """Assumed: a few of the hull's time constants to fit on; two open-loop runs of 10 s to be judged by."""
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
-OTHER_BOAT, NOT_USED = "another boat", "not used"
+OTHER_BOAT, WIND = "another boat", "measured wind"
 """Kinds of problems: logs state several boats; what was measured is used by nothing."""
 UNCERTAIN = ("no pulse", "constant", "outputs by order", "filtered positions")
 """Kinds of problems by which a log may not hold what was driven, or what a sensor measured; fits name them, too."""
@@ -173,9 +174,9 @@ def usable(log: NamedLog, vessel: VesselFile, *, at_rest: bool = False) -> Named
             f"{log.name}: no thruster ever leaves neutral: nothing can be learned of a boat that is not commanded. If "
             f"it was, its thrusters are others than those that were read (source of the pulses: {source})"
         )
-    if run.known("V_w_m_s"):
-        text = "V_w_m_s, beta_w_deg: measured wind is used by no fit; where one has wind, it estimates it"
-        run = run.with_notes([LogProblem(kind=NOT_USED, text=text)])
+    if is_measured(run):
+        text = "V_w_m_s, beta_w_deg: identify has this wind where it predicts better by it; diagnose estimates the wind"
+        run = run.with_notes([LogProblem(kind=WIND, text=text)])
     others = [c for c in run.table.columns if not c.startswith("pwm_")]
     return NamedLog(log.name, Run(run.table.select(*(f"pwm_{n}" for n in names), *others), run.meta))
 

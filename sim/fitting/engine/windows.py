@@ -28,6 +28,7 @@ from companion.logs.runs.run import Run
 from companion.logs.runs.unwrap import unwrapped
 from sim.fitting.engine.thrust.battery import commands_of, pulses_of
 from sim.fitting.engine.thrust.history import ThrustCommands
+from sim.fitting.engine.wind import measured_wind
 
 CHANNELS = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2")
 """Columns of the measurements `Windows.y`; their indices follow."""
@@ -62,6 +63,7 @@ class Windows:
     y         (W, K, 4) measurements in the order of `CHANNELS`, NaN where nothing was measured
     run       (W,) index of the run
     first     (W,) whether the window opens a run (then its node has a prior instead of a predecessor)
+    wind_m_s  (W, 2) mean of the measured wind, north and east of where it comes from, NaN where none was measured
 
     By run, one entry each:
     commands  steady thruster forces over time
@@ -77,6 +79,7 @@ class Windows:
     y: np.ndarray
     run: np.ndarray
     first: np.ndarray
+    wind_m_s: np.ndarray
     fixes: Fixes
     commands: tuple[ThrustCommands, ...]
     spans: tuple[slice, ...]
@@ -139,7 +142,7 @@ def cut_windows(
 
     # 2. All windows have as many steps as the longest; beyond its end a shorter one repeats its last stamp (h = 0).
     K = max(int(np.diff(np.append(starts, len(t) - 1)).max()) for t, _, starts in pieces)
-    t_all, y_all, owner, first, spans, around = [], [], [], [], [], []
+    t_all, y_all, owner, first, spans, around, wind = [], [], [], [], [], [], []
     for i, (t, y, starts) in enumerate(pieces):
         ends = np.append(starts[1:], len(t) - 1)
         index = np.minimum(starts[:, None] + np.arange(K + 1), ends[:, None])
@@ -149,6 +152,7 @@ def cut_windows(
         t_all.append(t[index])
         around.append(_around(t, means[i // len(offsets_s)] if means else None)[index])
         y_all.append(values)
+        wind.append(measured_wind(runs[i], t[index]).mean(axis=1))
         owner += [i] * len(starts)
         first += [True] + [not tied] * (len(starts) - 1)
     t_s = np.concatenate(t_all)
@@ -158,6 +162,7 @@ def cut_windows(
         y=np.concatenate(y_all),
         run=np.array(owner),
         first=np.array(first),
+        wind_m_s=np.concatenate(wind),
         fixes=_fixes(laid),
         commands=tuple(commands_of(pulses_of(run, vessel), vessel) for run in runs),
         spans=tuple(spans),

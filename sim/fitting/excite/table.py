@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from rich.table import Table
 
-from sim.fitting.engine.units import unit_of
+from sim.fitting.engine.free_parameters import unit_of
 from sim.fitting.excite.design import Advice, CandidateManoeuvre, worth_per_s
 from sim.fitting.excite.information import Knowledge, indices_of_interest
 

@@ -1,19 +1,20 @@
 """Refinements of the model that many boats need and few vessel files have; `chosen_fit` tries them.
 
 compass         the heading errs by a cos psi + b sin psi, as `wiring.compass` finds it
-unmeasured boat  gains of single thrusters, places of tag and IMU, a constant error of the heading: as open as those
-                of a boat that nobody has measured; current and wind of the day are fitted beside it
+unmeasured boat  gains of single thrusters, places of tag and IMU, the compass: as open as those of a boat that nobody
+                has measured; current and wind of the day are fitted beside it
 speed_damping   N = N_ur |u| r      prior of the size that slender-wing theory gives a single hull of this length and
                                     draft, N_ur = -(pi / 8) rho T^2 L^2 (Jones 1946; Clarke et al. 1983, for B = 0)
 munk_moment     N = k u v           either sign: what M lacks of the Munk moment, less the lift of the after-body
 asymmetry       N = k |u| u         either sign: a keel, a thruster, a sensor's mast that is not quite straight
 astern          F_astern times a share: the map is of open water, behind or before a hull a propeller gives less
+wind            the air pushes, as the log measured the wind, by the file's areas and usual coefficients of ships
 advance_loss    f - k |f| u_a: force maps are measured at rest, and a propeller that water comes towards gives less
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,10 +22,14 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import ForceMap, PitchMap, VesselFile
 from companion.core.constants import WATER_KG_M3
+from companion.logs.runs.run import Run
+from sim.fitting.engine.wind import is_measured
 from sim.fitting.identify.result import FitResult
 
 COMPASS, UNMEASURED_BOAT = "compass", "unmeasured boat"
 """Refinements of the heading, and of how little is taken for known."""
+WIND = "wind"
+"""Refinement that logs without measured wind know nothing of."""
 SIZE_UNKNOWN = 1.5
 """Sigma of the logarithm of N_ur: a factor of 4.5 either way, for skegs and several hulls add to it; assumed."""
 SOURCE = "tried by identify"
@@ -60,9 +65,10 @@ def nothing_of(result: FitResult, names: Collection[str]) -> frozenset[str]:
     return frozenset(r.name for r in REFINEMENTS if r.name in names and r.absent and result.holds(*r.absent))
 
 
-def missing(vessel: VesselFile) -> list[Refinement]:
-    """Those that the vessel file does not have."""
-    return [r for r in REFINEMENTS if r.applied(vessel) != vessel]
+def missing(vessel: VesselFile, runs: Iterable[Run]) -> list[Refinement]:
+    """Those that the vessel file does not have, and the logs can tell of."""
+    windy = any(map(is_measured, runs))
+    return [r for r in REFINEMENTS if r.applied(vessel) != vessel and (windy or r.name != WIND)]
 
 
 def _astern(vessel: VesselFile) -> VesselFile:
@@ -86,6 +92,11 @@ def _munk_moment(vessel: VesselFile) -> VesselFile:
 
 def _asymmetry(vessel: VesselFile) -> VesselFile:
     return _with_term(vessel, "asymmetry", N_uu_N_s2_m=0.0)
+
+
+def _wind(vessel: VesselFile) -> VesselFile:
+    air = {"source": "air on the hull by its areas, usual coefficients of ships; no wind: it is the day's"}
+    return replace(vessel, terms=vessel.terms | {WIND: vessel.terms.get(WIND, air)})
 
 
 def with_advance_loss(vessel: VesselFile) -> VesselFile:
@@ -117,10 +128,11 @@ REFINEMENTS = (
         with_advance_loss,
         absent=("advance_loss_s_m", 0.0),
     ),
+    Refinement(WIND, "the wind that was measured", _wind),
 )
 TEXTS = {
     COMPASS: "an error of the heading by how the boat is turned",
     **{r.name: r.text for r in REFINEMENTS},
-    UNMEASURED_BOAT: "gains and sensors' places that nobody had measured (the day's current and wind are not written)",
+    UNMEASURED_BOAT: "gains, sensors' places, compass: nobody had measured them (current and wind are not written)",
 }
 """All of them in words, by name."""

@@ -18,9 +18,9 @@ import numpy as np
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
 from sim.fitting.engine.block_tridiagonal import Chain
+from sim.fitting.engine.free_parameters import unit_of
 from sim.fitting.engine.noise import OFFSET
 from sim.fitting.engine.parameters import Parameters
-from sim.fitting.engine.units import unit_of
 from sim.fitting.identify.horizon import CHANNELS as ERROR_NAMES
 from sim.fitting.identify.horizon import HELD, HORIZON_S, HorizonFit, horizon_target, with_tag_fixed
 from sim.fitting.identify.horizon import solve as solve_horizon

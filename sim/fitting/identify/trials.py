@@ -78,7 +78,7 @@ class TrialSearch:
 
     def refine(self) -> None:
         """Take refinements, the best first, while they are worth it."""
-        self.bare, left = self.model, missing(self.model)
+        self.bare, left = self.model, missing(self.model, (run for half in self.halves.runs for run in half))
         while left:
             tried = [(self._tried(each), each) for each in left]
             self._trials += [self._trial(MULTI_STEP, (*self.chosen, r.name), score) for score, r in tried]

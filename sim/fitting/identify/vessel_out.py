@@ -22,9 +22,8 @@ from companion.core.configuration.vessel_file import (
     VesselFile,
 )
 from companion.core.model.load_vessel import asymmetry_limit_N_s2_m, munk_limit_kg
-from sim.fitting.engine.free_parameters import ADVANCE_LOSS, HARD_IRON, IMU, SURROUNDINGS, fitted_terms
+from sim.fitting.engine.free_parameters import ADVANCE_LOSS, HARD_IRON, IMU, SURROUNDINGS, fitted_terms, unit_of
 from sim.fitting.engine.parameters import DAMPING, Parameters
-from sim.fitting.engine.units import unit_of
 from sim.fitting.identify.result import FitResult
 
 DIGITS = 6  # significant digits of fitted numbers
@@ -212,6 +211,7 @@ def in_surroundings(vessel: VesselFile, fit: FitResult) -> VesselFile:
             **vessel.terms.get("wind", {}),
             "V_w_m_s": min(float(np.hypot(w_n, w_e)), 25.0),
             "beta_w_deg": _deg(w_n, w_e),
+            "gustiness": 0.0,
             "source": "fitted: the day's",
         },
     }

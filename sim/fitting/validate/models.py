@@ -9,13 +9,15 @@ import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.core.geometry.frames import rotate
+from companion.core.model.effects.wind import steady_speed
+from companion.core.model.loads import values
 from companion.core.model.thrust_lag import first_order_lag
 from companion.core.model.thrusters import configuration_matrix
 from sim.fitting.engine.thrust.forces import thruster_forces
 from sim.fitting.taylor.abkowitz import KGF_N
 from sim.fitting.taylor.taylor_file import simulate_taylor
 from sim.fitting.validate.protocol import STEP_S, Commands
-from sim.trajectory import parameters_of, simulate_forces
+from sim.trajectory import Surroundings, parameters_of, simulate_forces
 
 WORTH_IT = 10_000
 """Number of samples in all windows from which machine code is quicker than the interpreter, compilation included."""
@@ -23,7 +25,10 @@ WORTH_IT = 10_000
 
 @dataclass(frozen=True)
 class VesselSimulator:
-    """The structured model of a vessel file, with its dead time (to the nearest step) and lag."""
+    """The structured model of a vessel file, with its dead time (to the nearest step) and lag.
+
+    Where the file has `[terms.wind]`, measured wind takes the place of the file's own.
+    """
 
     name: str
     vessel: VesselFile
@@ -35,12 +40,25 @@ class VesselSimulator:
         f_cmd[~sound] = 0.0
         x = simulate_forces(
             self.vessel, np.hstack([x0, f]), f_cmd, STEP_S,
+            around=self._around(commands),
             parameters=parameters_of(self.vessel),  # another boat of the same structure then reuses the machine code
             substeps=math.ceil(2 * STEP_S / self.vessel.propulsion.lag_s),
             machine_code=sound.size > WORTH_IT,
         ).x[..., :6]  # fmt: skip
         x[:, 1:][np.logical_or.accumulate(~sound, axis=1)] = np.nan
         return x
+
+    def _around(self, commands: Commands) -> Surroundings | None:
+        """The measured wind of each step, else the file's own; None: none was measured, or it moves nothing."""
+        if commands.wind_m_s is None or "wind" not in self.vessel.terms:
+            return None
+        own = values("wind", self.vessel.terms["wind"])
+        north, east = np.moveaxis(commands.wind_m_s, -1, 0)
+        known = np.isfinite(north)
+        return Surroundings(
+            V_w_m_s=np.where(known, np.hypot(north, east), steady_speed(own)),
+            beta_w_deg=np.where(known, np.degrees(np.arctan2(east, north)), own["beta_w_deg"]),
+        )
 
     def _forces(self, commands: Commands) -> tuple[np.ndarray, np.ndarray]:
         """Commanded forces after the dead time (m, k, n) and actual forces at the start (m, n), both [N]."""

@@ -23,12 +23,14 @@ class Commands:
     battery_v  (m, k)
     before_us  (m, b, n) pulse widths of the b steps before the window, oldest first, for dead time and lag
     settings   by name, (m, k); a missing setting, or NaN, is nominal
+    wind_m_s   (m, k, 2) measured wind, north and east of where it comes from, NaN where unknown; None: there is none
     """
 
     pwm_us: np.ndarray
     battery_v: np.ndarray
     before_us: np.ndarray
     settings: Mapping[str, np.ndarray] = field(default_factory=dict)
+    wind_m_s: np.ndarray | None = None
 
 
 class Simulator(Protocol):

@@ -15,6 +15,7 @@ from companion.logs.runs.nearest import distance
 from companion.logs.runs.run import Run
 from sim.fitting.engine.smoothing import RATE_HZ, SmootherNoise, smooth
 from sim.fitting.engine.thrust.forces import settings_at
+from sim.fitting.engine.wind import is_measured, measured_wind
 from sim.fitting.taylor.pipeline import held_commands
 from sim.fitting.validate.protocol import STEP_S, Commands
 
@@ -125,14 +126,15 @@ def _why_none(ref: Reference, intervals: Sequence[tuple[float, float]], shortest
 
 
 def _commands(run: Run, start_s: np.ndarray, steps: int, nominal_v: float) -> Commands:
-    """Pulse widths, volts and settings in force at the middle of each step."""
+    """Pulse widths, volts, settings in force and measured wind at the middle of each step."""
     before = round(BEFORE_S / STEP_S)
     t = start_s[:, None] + (np.arange(-before, steps) + 0.5) * STEP_S
     pwm, volts = held_commands(run, t.ravel())
     pwm = pwm.reshape(*t.shape, -1)
     volts = np.where(np.isnan(volts), nominal_v, volts).reshape(t.shape)
     settings = settings_at(run, t[:, before:])
-    return Commands(pwm[:, before:], volts[:, before:], pwm[:, :before], settings)
+    wind_m_s = measured_wind(run, t[:, before:]) if is_measured(run) else None
+    return Commands(pwm[:, before:], volts[:, before:], pwm[:, :before], settings, wind_m_s)
 
 
 def concatenated(parts: Sequence[HeldOutWindows]) -> HeldOutWindows:
@@ -145,9 +147,18 @@ def concatenated(parts: Sequence[HeldOutWindows]) -> HeldOutWindows:
             np.concatenate([p.commands.battery_v for p in parts]),
             np.concatenate([p.commands.before_us for p in parts]),
             _joined_settings([p.commands for p in parts]),
+            _joined_wind([p.commands for p in parts]),
         ),
         np.concatenate([p.start_s for p in parts]),
     )
+
+
+def _joined_wind(parts: Sequence[Commands]) -> np.ndarray | None:
+    """Wind that any part has; NaN in the others."""
+    if all(part.wind_m_s is None for part in parts):
+        return None
+    blank = [np.full((*part.battery_v.shape, 2), np.nan) for part in parts]
+    return np.concatenate([b if p.wind_m_s is None else p.wind_m_s for p, b in zip(parts, blank, strict=True)])
 
 
 def _joined_settings(parts: Sequence[Commands]) -> dict[str, np.ndarray]:

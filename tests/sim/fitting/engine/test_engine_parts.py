@@ -11,6 +11,7 @@ from companion.core.configuration.vessel_file import Wash
 from companion.core.model.integrate import FORCES
 from companion.core.model.manoeuvring import linear_damping, mass_matrix
 from sim.fitting.engine.block_tridiagonal import Chain, Ties
+from sim.fitting.engine.free_parameters import unit_of
 from sim.fitting.engine.initial_guess import local_line_fits
 from sim.fitting.engine.model import compile_model
 from sim.fitting.engine.motion import WindowIntegrator
@@ -18,7 +19,6 @@ from sim.fitting.engine.noise import STATE, L, noise_of, whiten
 from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.engine.thrust.battery import commands_of, pulses_of
 from sim.fitting.engine.thrust.history import ThrustCommands, ThrustHistory
-from sim.fitting.engine.units import unit_of
 from sim.fitting.engine.windows import StructuredFitError, cut_windows
 from sim.fitting.identify.structured_fit import UNMEASURED, FitSettings, StructuredFit
 from sim.studies.boats.draw import draw_boat

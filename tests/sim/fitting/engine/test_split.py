@@ -111,12 +111,12 @@ def test_what_the_reader_knows_of_a_missing_position_is_the_reason(kind, words):
         split([NamedLog("a.BIN", log)], [], VESSEL)
 
 
-def test_measured_wind_is_said_to_be_used_by_nothing():
+def test_of_measured_wind_it_is_said_who_uses_it():
     run = teleop_run(VESSEL, 8, 80.0)
     windy = Run(run.table.with_columns(V_w_m_s=pl.lit(5.0), beta_w_deg=pl.lit(90.0)), run.meta)
     (used,) = split([NamedLog("a.csv", windy)], [], VESSEL).used
     (note,) = used.log.run.meta.notes
-    assert note.kind == "not used" and note.text.startswith("V_w_m_s, beta_w_deg: measured wind is used by no fit")
+    assert note.kind == "measured wind" and note.text.startswith("V_w_m_s, beta_w_deg: identify has this wind where")
 
 
 def test_pulses_that_may_not_be_what_was_driven_are_told_by_identify_and_diagnose():

@@ -2,7 +2,8 @@
 
     logs -> signs and sides -> structured fit -> belief
 
-Priors are those of a file that nobody measured: hull 50 %, gains 30 %, places of the sensors 0.3 m, compass 0.2 rad.
+Priors are those of a file that nobody measured: hull 50 %, gains 30 %, places of the sensors 0.3 m, compass 0.2 rad
+and 0.1 rad by how the boat is turned.
 Current and wind are fitted beside the boat and forgotten afterwards: they belong to the day.
 """
 
@@ -17,6 +18,7 @@ from msgspec.structs import replace
 
 from companion.core.configuration.vessel_file import VesselFile
 from companion.logs.runs.run import Run
+from sim.commission.rivals import settled
 from sim.fitting.engine.free_parameters import ADVANCE_LOSS
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.engine.windows import StructuredFitError
@@ -103,7 +105,7 @@ def learned(
 ) -> BoatBelief:
     """The belief by `first`, as it was given, and all logs. `date`: for the file's `source` keys."""
     say("signs and sides")
-    found = signs_checked(logs, first)
+    found = settled(signs_checked(logs, first), say)
     logs = levelled(found.logs)
     begun = replaced(BoatBelief.beginning(found.vessel), wiring=found.wiring, logs=logs)
     say("fit")

@@ -12,6 +12,7 @@ from companion.core.configuration.site_file import Site
 from companion.core.messages import StateEstimate
 from companion.logs.log_file import LogError, LogFile
 from companion.logs.series import KNOWN, broken
+from sim.commission.belief import BoatBelief
 from sim.commission.job import BEGINNING, NEW, OLD, CommissionOutcome
 from sim.commission.journal import LOG, FlightJournal, stage_of
 from sim.commission.stages import STAGES
@@ -47,17 +48,19 @@ def verdict(outcome: CommissionOutcome) -> list[str]:
 
 def person(outcome: CommissionOutcome) -> list[str]:
     """What only a person can do, in sentences."""
-    lines = [_wiring(finding) for finding in outcome.belief.wiring.findings]
     fit = outcome.belief.fit
+    fitted = "compass:hard_iron" if fit else ""
+    lines = [_wiring(finding) for finding in outcome.belief.wiring.findings if finding.name != fitted]
     if fit is not None and abs(fit.heading_offset_rad) > COMPASS_RAD:
         lines.append(
             f"The heading is off by {np.degrees(fit.heading_offset_rad):.0f} degrees. The new file says so; better "
             "still, calibrate the compass, and look whether the autopilot is mounted straight."
         )
-    if (iron_deg := _hard_iron_deg(outcome)) > np.degrees(COMPASS_RAD):
+    if fit is not None and (iron_deg := _hard_iron_deg(outcome.belief)) > np.degrees(COMPASS_RAD):
         lines.append(
-            f"The heading errs by up to {iron_deg:.0f} degrees, by how the boat is turned. The new file says so; "
-            "better still, calibrate the compass where the boat sails, away from iron."
+            f"The heading errs by up to {iron_deg:.0f} degrees, by how the boat is turned, beyond what the "
+            "first file has. "
+            "The new file says so; better still, calibrate the compass where the boat sails, away from iron."
         )
     if fit is not None:
         lines.append(
@@ -67,10 +70,11 @@ def person(outcome: CommissionOutcome) -> list[str]:
     return lines
 
 
-def _hard_iron_deg(outcome: CommissionOutcome) -> float:
-    """Largest error of the heading by how the boat is turned, as believed."""
-    imu = outcome.belief.vessel.sensors.imu
-    return float(np.degrees(np.hypot(imu.hard_iron_cos_rad, imu.hard_iron_sin_rad)))
+def _hard_iron_deg(belief: BoatBelief) -> float:
+    """Largest error of the heading by how the boat is turned, as believed, beyond what the first file has."""
+    new, old = belief.vessel.sensors.imu, belief.first.sensors.imu
+    off = new.hard_iron_cos_rad - old.hard_iron_cos_rad, new.hard_iron_sin_rad - old.hard_iron_sin_rad
+    return float(np.degrees(np.hypot(*off)))
 
 
 def _wiring(finding: WiringFinding) -> str:

@@ -36,7 +36,7 @@ LEAST_FIT_S, LEAST_HELD_OUT_S = 30.0, 20.0
 """Assumed: a few of the hull's time constants to fit on; two open-loop runs of 10 s to be judged by."""
 PIECE_S, FIXES = 10.0, 8  # shorter pieces, and with fewer positions, are left out; assumed
 OTHER_BOAT, WIND = "another boat", "measured wind"
-"""Kinds of problems: logs state several boats; what was measured is used by nothing."""
+"""Kinds of problems: logs state several boats; who uses the wind that was measured."""
 UNCERTAIN = ("no pulse", "constant", "outputs by order", "filtered positions")
 """Kinds of problems by which a log may not hold what was driven, or what a sensor measured; fits name them, too."""
 NEEDED = f"a piece needs {PIECE_S:g} s with heading, commands and {FIXES} positions"
@@ -174,8 +174,13 @@ def usable(log: NamedLog, vessel: VesselFile, *, at_rest: bool = False) -> Named
             f"{log.name}: no thruster ever leaves neutral: nothing can be learned of a boat that is not commanded. If "
             f"it was, its thrusters are others than those that were read (source of the pulses: {source})"
         )
-    if is_measured(run):
-        text = "V_w_m_s, beta_w_deg: identify has this wind where it predicts better by it; diagnose estimates the wind"
+    if run.known("V_w_m_s"):
+        text = (
+            "V_w_m_s, beta_w_deg: identify has this wind where the file has [terms.wind], or predicts better by it (by "
+            "the areas of [hull]); diagnose estimates the wind itself"
+        )
+        if not is_measured(run):
+            text = "V_w_m_s: a wind without beta_w_deg, where it comes from, is used by no fit"
         run = run.with_notes([LogProblem(kind=WIND, text=text)])
     others = [c for c in run.table.columns if not c.startswith("pwm_")]
     return NamedLog(log.name, Run(run.table.select(*(f"pwm_{n}" for n in names), *others), run.meta))

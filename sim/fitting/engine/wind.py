@@ -16,15 +16,17 @@ from companion.logs.runs.nearest import distance
 from companion.logs.runs.run import Run
 
 COLUMNS = ("V_w_m_s", "beta_w_deg")
-NEAR_S = 5.0
-"""Wind is known within this of a sample: half the correlation time of gusts (`effects.wind`)."""
+NEAR_S = 60.0
+"""Wind is known within this of a sample: a mean wind lasts for minutes; assumed."""
+OF_THE_DAY = {"wind_north_m_s": (0.0, 0.0), "wind_east_m_s": (0.0, 0.0)}
+"""Priors of a fitted wind where all windows know theirs: there is none to fit."""
 INPUTS = 3
 """Of a window: north and east components of where its wind comes from [m/s], and whether they are known (1, else 0)."""
 
 
 def is_measured(run: Run) -> bool:
-    """Whether wind was measured in a log."""
-    return run.known(COLUMNS[0])
+    """Whether wind was measured in a log, its speed and where from."""
+    return all(map(run.known, COLUMNS))
 
 
 def measured_wind(run: Run, t_s: np.ndarray) -> np.ndarray:
@@ -35,6 +37,15 @@ def measured_wind(run: Run, t_s: np.ndarray) -> np.ndarray:
     speed, angle = speed_and_from[:, 0], np.radians(speed_and_from[:, 1])
     found = [np.interp(t_s, at, component) for component in (speed * np.cos(angle), speed * np.sin(angle))]
     return np.where((distance(at, t_s) > NEAR_S)[..., None], np.nan, np.stack(found, axis=-1))
+
+
+def mean_wind(run: Run, t_s: np.ndarray) -> np.ndarray:
+    """Mean of the measured wind over windows of steps from `t_s` (w, K + 1), by their lengths, (w, 2); NaN: unknown."""
+    wind, h_s = measured_wind(run, t_s)[:, :-1], np.diff(t_s, axis=1)
+    h_s = np.where(np.isfinite(wind[..., 0]), h_s, 0.0)[..., None]
+    known_s = h_s.sum(axis=1)
+    total = (np.nan_to_num(wind) * h_s).sum(axis=1)
+    return np.where(known_s > 0, total / np.where(known_s > 0, known_s, 1.0), np.nan)
 
 
 def takes_wind(vessel: VesselFile, surroundings: bool) -> bool:

@@ -28,7 +28,7 @@ from companion.logs.runs.run import Run
 from companion.logs.runs.unwrap import unwrapped
 from sim.fitting.engine.thrust.battery import commands_of, pulses_of
 from sim.fitting.engine.thrust.history import ThrustCommands
-from sim.fitting.engine.wind import measured_wind
+from sim.fitting.engine.wind import mean_wind
 
 CHANNELS = ("psi_rad", "r_rad_s", "ax_m_s2", "ay_m_s2")
 """Columns of the measurements `Windows.y`; their indices follow."""
@@ -152,7 +152,7 @@ def cut_windows(
         t_all.append(t[index])
         around.append(_around(t, means[i // len(offsets_s)] if means else None)[index])
         y_all.append(values)
-        wind.append(measured_wind(runs[i], t[index]).mean(axis=1))
+        wind.append(mean_wind(runs[i], t[index]))
         owner += [i] * len(starts)
         first += [True] + [not tied] * (len(starts) - 1)
     t_s = np.concatenate(t_all)

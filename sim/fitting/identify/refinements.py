@@ -29,7 +29,7 @@ from sim.fitting.identify.result import FitResult
 COMPASS, UNMEASURED_BOAT = "compass", "unmeasured boat"
 """Refinements of the heading, and of how little is taken for known."""
 WIND = "wind"
-"""Refinement that logs without measured wind know nothing of."""
+"""Air on the hull, moved by the wind that a log measured; without that, or without areas, nothing is tried."""
 SIZE_UNKNOWN = 1.5
 """Sigma of the logarithm of N_ur: a factor of 4.5 either way, for skegs and several hulls add to it; assumed."""
 SOURCE = "tried by identify"
@@ -67,7 +67,8 @@ def nothing_of(result: FitResult, names: Collection[str]) -> frozenset[str]:
 
 def missing(vessel: VesselFile, runs: Iterable[Run]) -> list[Refinement]:
     """Those that the vessel file does not have, and the logs can tell of."""
-    windy = any(map(is_measured, runs))
+    hull = vessel.hull
+    windy = bool(hull.frontal_area_m2 and hull.lateral_area_m2) and any(map(is_measured, runs))
     return [r for r in REFINEMENTS if r.applied(vessel) != vessel and (windy or r.name != WIND)]
 
 
@@ -128,7 +129,7 @@ REFINEMENTS = (
         with_advance_loss,
         absent=("advance_loss_s_m", 0.0),
     ),
-    Refinement(WIND, "the wind that was measured", _wind),
+    Refinement(WIND, "air on the hull, moved by the wind that was measured, and of which the file says nothing", _wind),
 )
 TEXTS = {
     COMPASS: "an error of the heading by how the boat is turned",

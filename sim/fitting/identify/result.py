@@ -21,6 +21,7 @@ from sim.fitting.engine.block_tridiagonal import Chain
 from sim.fitting.engine.free_parameters import unit_of
 from sim.fitting.engine.noise import OFFSET
 from sim.fitting.engine.parameters import Parameters
+from sim.fitting.engine.wind import OF_THE_DAY
 from sim.fitting.identify.horizon import CHANNELS as ERROR_NAMES
 from sim.fitting.identify.horizon import HELD, HORIZON_S, HorizonFit, horizon_target, with_tag_fixed
 from sim.fitting.identify.horizon import solve as solve_horizon
@@ -106,8 +107,9 @@ class FitResult(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def held(self) -> tuple[str, ...]:
-        """Names of parameters that the method holds at the file's values: no data would determine them by it."""
-        return HELD if self.horizon_s else ()
+        """Names of parameters that are held at the file's values: by the method, or a wind that was measured."""
+        measured = (p.name for p in self.parameters if p.name in OF_THE_DAY and not p.value)
+        return HELD if self.horizon_s else tuple(measured)
 
     def holds(self, head: str, value: float) -> bool:
         """Whether the intervals of all parameters whose names begin with `head` hold `value`."""

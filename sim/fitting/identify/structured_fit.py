@@ -35,6 +35,7 @@ from sim.fitting.engine.linearise import FitProblem, Linearised
 from sim.fitting.engine.model import compile_model
 from sim.fitting.engine.noise import STATE, Noise, noise_of
 from sim.fitting.engine.parameters import Parameters
+from sim.fitting.engine.wind import OF_THE_DAY
 from sim.fitting.engine.windows import CHANNELS, MAX_STEP_S, PSI, Windows, cut_windows
 from sim.fitting.identify.white_noise import white_from_residuals
 
@@ -67,8 +68,7 @@ class FitSettings:
     tolerance_nats   predicted decrease below which a step is not taken
     sigmas           priors of the parameters; `overrides`: see `Parameters`
     noise            sensor noise instead of that of the vessel file
-    surroundings     current and wind, the same in all runs, are fitted too; unmeasured_imu: the IMU's lever arm
-                     and the compass's hard iron
+    surroundings     current and wind, the same in all runs, too; unmeasured_imu: the IMU's lever arm and hard iron
     compass          whether the heading may be put right where the compass errs by how the boat is turned
     heading_offset_rad   how far off a heading may be all the time, instead of what is usual (`Noise.offset_rad`)
     """
@@ -112,17 +112,17 @@ class StructuredFit:
     """One fit: its windows, parameters and present noise, and the steps towards the solution (`solve`)."""
 
     def __init__(self, runs: Sequence[Run], vessel: VesselFile, settings: FitSettings):
-        self.settings = settings
-        self.parameters = settings.parameters(vessel)
         fewer = [decimated(run, settings.inertial_hz) for run in runs]
         self.windows = _windows(fewer, vessel, settings.window_s or WINDOWS_S[0])
+        if settings.surroundings and np.isfinite(self.windows.wind_m_s).all():
+            settings = replace(settings, overrides={**settings.overrides, **OF_THE_DAY})
+        self.settings, self.parameters = settings, settings.parameters(vessel)
         W, K = self.windows.size
         self.problem = FitProblem(self.windows, self.parameters, compile_model(vessel, K, W, settings.surroundings))
         self.command_rms = _command_rms(self.windows, vessel)
         noise = settings.noise or _of_means(noise_of(vessel), runs, fewer)
-        noise = replace(noise, latent_time_s=settings.latent_time_s)
-        if settings.heading_offset_rad is not None:
-            noise = replace(noise, offset_rad=settings.heading_offset_rad)
+        off_rad = noise.offset_rad if settings.heading_offset_rad is None else settings.heading_offset_rad
+        noise = replace(noise, latent_time_s=settings.latent_time_s, offset_rad=off_rad)
         self.stated = noise
         self.noise = with_latent(noise, (LATENT_START if settings.latent else LATENT_FLOOR) * self.command_rms)
         self._z0 = initial_nodes(self.windows, self.parameters)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.core.configuration.vessel_file import VesselFile
+from sim.fitting.engine.free_parameters import HARD_IRON
 from sim.fitting.engine.windows import StructuredFitError
 from sim.fitting.identify.folds import Halves
 from sim.fitting.identify.horizon import HorizonFit, error_sigma, solve, with_tag_fixed
@@ -107,10 +108,12 @@ class TrialSearch:
     def _unmeasured(self) -> FitSettings:
         """Settings for a boat that nobody has measured, in the weather of a day."""
         own = self.settings.sigmas
+        iron = {} if self.settings.compass else dict.fromkeys(HARD_IRON, (None, 0.0))
         sigmas = replace(own, gain=max(own.gain, UNMEASURED.sigmas.gain), arm_m=max(own.arm_m, UNMEASURED.sigmas.arm_m))
         return replace(
             self.settings,
             sigmas=sigmas,
+            overrides={**self.settings.overrides, **iron},
             surroundings=True,
             unmeasured_imu=True,
             heading_offset_rad=UNMEASURED.heading_offset_rad,

@@ -19,10 +19,11 @@ from companion.logs.runs.run import LogProblem
 from sim.fitting.engine.free_parameters import SURROUNDINGS
 from sim.fitting.engine.parameters import WARP
 from sim.fitting.engine.split import OTHER_BOAT, UNCERTAIN
+from sim.fitting.engine.wind import is_measured
 from sim.fitting.identify.advice import advice
 from sim.fitting.identify.chosen_fit import ChosenFit
 from sim.fitting.identify.plausible import implausible
-from sim.fitting.identify.refinements import TEXTS, nothing_of
+from sim.fitting.identify.refinements import TEXTS, WIND, nothing_of
 from sim.fitting.identify.result import COLOURED, Estimate, FitResult, OpenDirection
 from sim.fitting.identify.vessel_out import not_written, written_otherwise
 from sim.fitting.validate.protocol import CHANNELS
@@ -86,8 +87,8 @@ def verdict(
         nearest = NAMES["structured"]
     believe = nearest if errors[nearest] < 1 else None
     structured = chosen.result
-    lines = [_believe(believe, errors), *_distances(validation, errors), *_refined(chosen), *_open(structured)]
-    lines += not_written(structured)
+    lines = [_believe(believe, errors), *_given(chosen, validation), *_distances(validation, errors)]
+    lines += [*_refined(chosen), *_open(structured), *not_written(structured)]
     attention = [
         *_fit_doubts(structured),
         *(f"{name}: too short to predict {chosen.horizon_s:g} s ahead in it: left out." for name in chosen.too_short),
@@ -167,6 +168,16 @@ def _refined(chosen: ChosenFit) -> list[str]:
             f"{left_out}."
         )
     return lines
+
+
+def _given(chosen: ChosenFit, validation: Validation) -> list[str]:
+    """A sentence where predictions were given what nobody knows beforehand."""
+    if WIND not in chosen.vessel.terms or not any(is_measured(part.run) for part in validation.held_out):
+        return []
+    return [
+        "These predictions were given the measured wind, which blows where a file has [terms.wind]; vessel.toml has no "
+        "wind of its own, for that is the day's."
+    ]
 
 
 def _distances(validation: Validation, errors: Mapping[str, float]) -> list[str]:

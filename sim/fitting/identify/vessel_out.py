@@ -31,6 +31,7 @@ FITTED_INERTIA = ("mass_kg", "I_z_kg_m2", "X_udot_kg", "Y_vdot_kg", "Y_rdot_kg_m
 TRIM_US = 200  # as the vessel file's bounds
 COMPASS_RAD = np.radians(3.0)  # a heading that is off by less is within what compasses do; assumed
 TOLD_RAD = np.radians(1.0)  # a heading that is off by less is not worth a sentence: the prior's sigma; assumed
+IMU_BOUNDS = dict.fromkeys(HARD_IRON, (-MOST_HARD_IRON_RAD, MOST_HARD_IRON_RAD))
 ROOM = 0.98  # largest share of M that is rigid body, where the file's mass would leave no added mass; of a limit, too
 
 
@@ -79,11 +80,10 @@ def _imu(imu: Imu, result: FitResult, source: str) -> Imu:
     """The IMU with its fitted place and hard iron, where they were free, and a constant error of the heading that no
     compass has.
     """
-    fitted = {p.name.removeprefix("imu_"): _round(p.value) for p in result.parameters if p.name in IMU}
+    fitted = {p.name: p.value for p in result.parameters if p.name in IMU}
     if fitted:
-        most = MOST_HARD_IRON_RAD
-        fitted |= {name: min(max(fitted[name], -most), most) for name in HARD_IRON}
-        imu = replace(imu, **fitted, source=f"{imu.source}; place, hard iron {source}")
+        new = {name.removeprefix("imu_"): _round(value) for name, value in _limited(fitted, IMU_BOUNDS).items()}
+        imu = replace(imu, **new, source=f"{imu.source}; place, hard iron {source}")
     if abs(result.heading_offset_rad) > COMPASS_RAD:
         total = imu.heading_offset_rad + round(result.heading_offset_rad, 4)
         imu = replace(imu, heading_offset_rad=total, source=f"{imu.source}; heading offset {source}")
@@ -99,7 +99,8 @@ def written_otherwise(vessel: VesselFile, result: FitResult) -> list[str]:
             f"uwb_latency_s: fitted as {late_s:.3g} s, so positions would be ahead of the other sensors, and written "
             "as 0: look at the clocks of the log."
         )
-    written = _within_bounds(vessel, {name: fitted[name] for name in Parameters(vessel).names})
+    names = (*Parameters(vessel).names, *(name for name in HARD_IRON if name in fitted))
+    written = _within_bounds(vessel, {name: fitted[name] for name in names})
     for name, value in written.items():
         if value != fitted[name] and not (name == "uwb_latency_s" and late_s < 0):
             lines.append(
@@ -139,7 +140,12 @@ def _within_bounds(vessel: VesselFile, q: Mapping[str, float]) -> dict[str, floa
         **{f"azimuth_{t.name}_deg": _bounds(Thruster, "azimuth_deg") for t in vessel.thrusters},
         **{f"astern_{name}": _bounds(LinearMap, "astern_share") for name in vessel.force_maps},
         **{p.name: (p.lower, p.upper) for _, p in fitted_terms(vessel)},
+        **IMU_BOUNDS,
     }
+    return _limited(q, bounds)
+
+
+def _limited(q: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> dict[str, float]:
     return {name: float(np.clip(value, *bounds.get(name, (-np.inf, np.inf)))) for name, value in q.items()}
 
 
@@ -207,14 +213,11 @@ def in_surroundings(vessel: VesselFile, fit: FitResult) -> VesselFile:
     c_n, c_e, w_n, w_e = (fitted[p.name] for _, p in SURROUNDINGS)
     day: dict[str, dict[str, float | str]] = {
         "current": {"V_c_m_s": float(np.hypot(c_n, c_e)), "beta_c_deg": _deg(c_n, c_e), "source": "fitted: the day's"},
-        "wind": {
-            **vessel.terms.get("wind", {}),
-            "V_w_m_s": min(float(np.hypot(w_n, w_e)), 25.0),
-            "beta_w_deg": _deg(w_n, w_e),
-            "gustiness": 0.0,
-            "source": "fitted: the day's",
-        },
+        "wind": {**vessel.terms.get("wind", {}), "source": "fitted: the day's"},
     }
+    if w_n or w_e:  # else it was measured
+        speed_m_s = min(float(np.hypot(w_n, w_e)), 25.0)
+        day["wind"] |= {"V_w_m_s": speed_m_s, "beta_w_deg": _deg(w_n, w_e), "gustiness": 0.0}
     return replace(vessel, terms={**vessel.terms, **day})
 
 

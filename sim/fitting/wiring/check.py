@@ -95,7 +95,7 @@ def checked(
     say("", 1.0)
     if as_found:
         return Checked(tuple(logs), tuple(held_out), tuple(reference), vessel, wiring)
-    corrected = _noted(best.way.vessel, vessel) if best and best.way else vessel
+    corrected = noted(best.way.vessel, vessel) if best and best.way else vessel
     new, new_out, new_reference = (
         tuple(NamedLog(log.name, runs.get(log.name, log.run)) for log in some if log.name not in left_out)
         for some in (logs, held_out, reference)
@@ -126,7 +126,7 @@ def _able(run: Run, vessel: VesselFile) -> bool:
     return named and all(run.known(c) for c in needed) and not unit_fault(run)
 
 
-def _noted(changed: VesselFile, vessel: VesselFile) -> VesselFile:
+def noted(changed: VesselFile, vessel: VesselFile) -> VesselFile:
     """`changed` with a note in the `source` of every thruster that differs."""
     pairs = zip(changed.thrusters, vessel.thrusters, strict=True)
     return replace(

@@ -4,38 +4,25 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from companion.boat.load_run import EXAMPLES, load_setup
-from companion.core.configuration.vessel_file import VesselFile
-from companion.core.excitation.file import Excitation, Pulses, Steps, excitation_toml
+from companion.core.excitation.file import Excitation, Pulses, Steps
 from companion.core.excitation.signal import axis_reach, signals
 from companion.core.messages import GroundTruth, StateEstimate
-from companion.core.model.first_vessel import Answers, first_vessel
 from companion.core.model.load_vessel import load_vessel
 from companion.core.model.manoeuvring import mass_matrix
 from companion.core.model.thrusters import configuration_matrix
 from companion.core.model.vessel_text import vessel_toml
 from companion.logs.log_file import LogFile
-from companion.logs.readers.read_run import ReadOptions, read_run
 from sim.commission.belief import signs_checked
-from sim.commission.boats import SimulatedBoat
-from sim.commission.journal import LOG, FlightJournal
+from sim.commission.journal import LOG
 from sim.commission.signs import LEG_M_S, LEGS, PULSE_LEVEL, PULSE_S, PUSH_S, distrusted, signs_segments
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.wiring.correction import MIRRORED
 from sim.fitting.wiring.thrusters import reversed_ones
 from sim.world.environment import Weather
 from sim.world.stepped_logs import TRUTH
-from sim.world.world import WorldSetup
+from tests.sim.commission.signs_flights import FOUR, TWO, excitation, flown, logs
 
-SETUP = load_setup(EXAMPLES / "aritra.toml")
-SITE, FOUR = SETUP.pilot.site, SETUP.pilot.vessel
-TWO = first_vessel(Answers(1.47, 0.75, 45.0, "differential", None, "uwb"), "two", FOUR.force_maps["t200"])
 TRIES = range(len(PULSE_S))
-WEATHER = Weather(V_c_m_s=0.08, beta_c_deg=60.0, V_w_m_s=2.0, beta_w_deg=200.0, gustiness=0.2)
-
-
-def excitation(vessel: VesselFile, flown: int) -> Excitation:
-    return Excitation(format=1, name="signs", homing=False, caution=2.5, segments=signs_segments(vessel, flown))
 
 
 @pytest.mark.parametrize("vessel", [TWO, FOUR], ids=["two", "four"])
@@ -48,8 +35,8 @@ def test_every_flight_can_be_flown_and_drifts_for_about_a_minute_at_most(vessel,
 def test_the_first_flight_only_pulses_and_the_others_go_to_and_fro_first(vessel):
     assert all(isinstance(s, Pulses) for s in signs_segments(vessel, 0))
     hardest = PULSE_LEVEL * axis_reach(vessel)[:, 0] * PUSH_S / np.diag(mass_matrix(vessel))
-    for flown in TRIES[1:]:
-        plan = excitation(vessel, flown)
+    for number in TRIES[1:]:
+        plan = excitation(vessel, number)
         legs = [i for i, s in enumerate(plan.segments) if isinstance(s, Steps) and s.X]
         turns = [i for i, s in enumerate(plan.segments) if isinstance(s, Steps) and s.N]
         sides = [i for i, s in enumerate(plan.segments) if isinstance(s, Steps) and s.Y]
@@ -61,7 +48,7 @@ def test_the_first_flight_only_pulses_and_the_others_go_to_and_fro_first(vessel)
                 continue
             leg = signals(plan, vessel, name="x")[first]
             gained = configuration_matrix(vessel) @ leg.force(0.5, 1.0) * PUSH_S / np.diag(mass_matrix(vessel))
-            assert gained[axis] == pytest.approx(min(LEG_M_S[flown], hardest[axis]), rel=0.02)
+            assert gained[axis] == pytest.approx(min(LEG_M_S[number], hardest[axis]), rel=0.02)
             assert abs(np.delete(gained, axis)).max() < 0.01
 
 
@@ -80,24 +67,6 @@ def test_the_filter_is_told_that_a_pulse_may_push_the_other_way(vessel):
     for t_s in np.arange(0.0, signal.duration_s, 0.1):
         wrong = 2 * np.abs(configuration_matrix(vessel) @ signal.force(t_s, 1.0))
         assert (wrong <= np.array([told.X_sigma_N, told.Y_sigma_N, told.N_sigma_N_m]) + 0.01).all()
-
-
-def flown(true: VesselFile, first: VesselFile, folder, flights: int, *, weather: Weather = WEATHER, seed: int = 21):
-    """Folders of the first flights of `true`, of which `first` is believed."""
-    journal = FlightJournal(folder, SETUP.files)
-    boat = SimulatedBoat(WorldSetup(true, SITE, start=(15.0, 15.0, 0.5), weather=weather), seed)
-    for number in range(flights):
-        texts = {
-            "vessel.toml": vessel_toml(distrusted(first)),
-            "excitation.toml": excitation_toml(excitation(first, number)),
-        }
-        files = {**SETUP.files, **texts}
-        boat.fly(files, journal.begin("signs", files), lambda _text: None)
-    return journal.flights()
-
-
-def logs(folders, first: VesselFile) -> list[NamedLog]:
-    return [NamedLog(f.name, read_run(f / LOG, ReadOptions(first, SITE))) for f in folders]
 
 
 @pytest.mark.long

@@ -16,6 +16,7 @@ from sim.fitting.engine.parameters import Parameters, file_values
 from sim.fitting.engine.smoothing import SmootherNoise
 from sim.fitting.engine.wind import NEAR_S, measured_wind
 from sim.fitting.engine.windows import cut_windows
+from sim.fitting.identify.structured_fit import UNMEASURED, StructuredFit
 from sim.fitting.validate.models import VesselSimulator
 from sim.fitting.validate.windows import concatenated, cut_held_out, reference_motion
 from sim.world.teleop_log import teleop_run
@@ -61,6 +62,36 @@ def test_it_stands_above_the_wind_that_is_fitted_with_the_surroundings(log):
     assert moved(FILE, windy_log(log, 4.0, 40.0), q, surroundings=True) == pytest.approx(fitted, abs=1e-9)
 
 
+def test_a_calm_that_was_measured_leaves_a_fit_its_slopes(log):
+    """Wind is measured throughout, and for ten seconds there is none."""
+    t_s = log.table["t_s"].to_numpy()
+    calm = np.abs(t_s - t_s[0] - 20.0) < 5.0
+    columns = {"V_w_m_s": pl.Series(np.where(calm, 0.0, 4.0)), "beta_w_deg": pl.Series(np.full(len(t_s), 40.0))}
+    fit = StructuredFit([Run(log.table.with_columns(**columns), log.meta)], FILE, UNMEASURED)
+    point = fit.begin()
+    assert (np.hypot(*fit.windows.wind_m_s.T) == 0.0).any()
+    assert np.isfinite(point.at.chain.D).all() and fit.step(point)[0] is not point
+    assert not fit.parameters.prior[1][fit.parameters.names.index("wind_north_m_s")] > 1e-6  # nothing of it is fitted
+
+
+def test_the_mean_of_a_window_is_by_time_whatever_other_logs_are_beside(log):
+    """A wind that grows by 0.1 m/s each second, beside a log of three times the rate: middle of each window."""
+    t_s = log.table["t_s"].to_numpy()
+    columns = {"V_w_m_s": pl.Series(1.0 + 0.1 * (t_s - t_s[0])), "beta_w_deg": pl.Series(np.zeros(len(t_s)))}
+    growing = Run(log.table.with_columns(**columns), log.meta)
+    beside = teleop_run(FILE, 4, 40.0, imu_hz=100.0)
+    windows = cut_windows([growing, beside], FILE, 5.0)
+    own = windows.run == 0
+    middle_s = windows.t_s[own][:, [0, -1]].mean(axis=1) - t_s[0]
+    assert windows.wind_m_s[own][:, 0] == pytest.approx(1.0 + 0.1 * middle_s, abs=0.01)
+    assert np.isnan(windows.wind_m_s[~own]).all()
+
+
+def test_a_speed_without_a_direction_is_none(log):
+    half = Run(log.table.with_columns(V_w_m_s=pl.lit(3.0)), log.meta)
+    assert (moved(stating(4.0, 40.0), half) == moved(stating(4.0, 40.0), log)).all()
+
+
 def test_a_boat_without_wind_in_its_file_is_moved_by_none(log):
     assert (moved(FILE, windy_log(log, 4.0, 40.0)) == moved(FILE, log)).all()
 
@@ -79,16 +110,14 @@ def test_simulations_of_held_out_windows_have_it_too(log):
     assert np.abs(still[:m] - got[:m]).max() > 0.1
 
 
-def test_between_samples_it_is_known_for_a_while(log):
-    """One sample from the west, 2 m/s, and later one from the north."""
-    n = log.table.height
-    t_s = log.table["t_s"].to_numpy()
+def test_between_samples_and_for_a_while_after_the_last_it_is_known(log):
+    """One sample from the west, 2 m/s, at the beginning, and one from the north in the end."""
+    n, t_s = log.table.height, log.table["t_s"].to_numpy()
     speed, angle = np.full(n, np.nan), np.full(n, np.nan)
-    late = int(np.searchsorted(t_s, t_s[0] + 4 * NEAR_S))
-    speed[[0, late]], angle[[0, late]] = 2.0, (-90.0, 0.0)
+    speed[[0, -1]], angle[[0, -1]] = 2.0, (-90.0, 0.0)
     columns = {"V_w_m_s": pl.Series(speed), "beta_w_deg": pl.Series(angle)}
     run = Run(log.table.with_columns(**columns).fill_nan(None), log.meta)
-    wind = measured_wind(run, t_s[0] + np.array([0.0, 0.9 * NEAR_S, 1.1 * NEAR_S, 4 * NEAR_S]))
-    assert wind[0] == pytest.approx((0.0, -2.0), abs=1e-9)
-    assert np.isfinite(wind).all(axis=1).tolist() == [True, True, False, True]
-    assert wind[3] == pytest.approx((2.0, 0.0), abs=1e-9)
+    ends = t_s[[0, -1]]
+    wind = measured_wind(run, np.array([ends[0], ends.mean(), ends[1] + 0.9 * NEAR_S, ends[1] + 1.1 * NEAR_S]))
+    assert wind[:3] == pytest.approx(np.array([(0.0, -2.0), (1.0, -1.0), (2.0, 0.0)]), abs=1e-9)
+    assert np.isnan(wind[3]).all()

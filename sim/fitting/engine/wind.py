@@ -63,5 +63,5 @@ def wind_inputs(wind_m_s: np.ndarray, vessel: VesselFile, surroundings: bool) ->
         angle = np.radians(term["beta_w_deg"])
         speed = steady_speed(term)
         own[:] = speed * np.cos(angle), speed * np.sin(angle), 1.0
-    known = np.isfinite(wind_m_s).all(axis=1)
-    return np.where(known[:, None], np.column_stack([np.nan_to_num(wind_m_s), np.ones(len(known))]), own)
+    measured = np.column_stack([wind_m_s, np.ones(len(wind_m_s))])
+    return np.where(np.isfinite(wind_m_s[:, :1]), measured, own)

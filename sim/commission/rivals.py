@@ -34,7 +34,9 @@ MOST = 8
 
 def settled(found: Checked, say: Callable[[str], None] = lambda _text: None) -> Checked:
     """`found` with what is open among thrusters decided by fits, where they decide it; else as it is."""
-    doubtful = [f for f in found.wiring.findings if not f.advice and (not f.certain or f.rivals)]
+    if any(f.certain and f.rivals for f in found.wiring.findings):
+        return found  # the vessel has it put right already, and its rivals are those of the file before
+    doubtful = [f for f in found.wiring.findings if not f.advice and not f.certain]
     texts = {*found.wiring.unknown, *(text for f in doubtful for text in (f.text, *f.rivals))}
     open_ways = [way for way in ways(found.vessel) if not way.text or way.text in texts]
     if not texts or len(open_ways) > MOST or texts - {way.text for way in open_ways}:

@@ -12,7 +12,7 @@ from sim.commission.rivals import CLEAR_NATS, settled
 from sim.fitting.engine.split import NamedLog
 from sim.fitting.wiring.check import Checked
 from sim.fitting.wiring.correction import Correction, turn
-from sim.fitting.wiring.record import WiringReport
+from sim.fitting.wiring.record import WiringFinding, WiringReport
 from sim.fitting.wiring.thrusters import exchanged, ways
 from sim.world.teleop_log import teleop_run
 from tests.sim.commission.signs_flights import FOUR, flown, logs
@@ -51,6 +51,13 @@ def test_what_is_not_open_or_no_matter_of_thrusters_is_left_as_it_is():
     for unknown in (("the heading is mirrored",), tuple(way.text for way in ways(FOUR) if way.faults == 1)):
         some = changed(nothing, wiring=WiringReport(logs=2, unknown=unknown))
         assert settled(some) is some
+
+
+def test_of_what_was_put_right_already_the_rivals_are_no_matter_of_the_vessel_as_it_is_now():
+    one, other = (way.text for way in ways(FOUR)[1:3])
+    finding = WiringFinding(name="x", text=one, nats=9.0, certain=True, rivals=(other,), thrusters=True)
+    some = Checked((), (), (), FOUR, WiringReport(logs=2, findings=(finding,)))
+    assert settled(some) is some
 
 
 def test_where_no_fit_can_be_made_it_stays_open():

@@ -18,13 +18,11 @@ from tests.support.surroundings import settle
 
 ROOT = Path(__file__).resolve().parents[1]
 TRIES_MORE = 2
+STOOD_STILL_S = "machine stood still [s]"
 UNTIL_S = float(os.environ.get("ARITRA_TEST_UNTIL", "inf"))
 """Since the epoch: no test begins later. For machines whose time is limited (`.ci/run`)."""
 settings.register_profile("shared machine", deadline=None)
 settings.load_profile("shared machine")
-
-
-STOOD_STILL_S = "machine stood still [s]"
 
 
 class OnlyAStall:

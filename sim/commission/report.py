@@ -21,6 +21,7 @@ from sim.fitting.identify.structured_fit import UNMEASURED
 from sim.fitting.identify.vessel_out import COMPASS_RAD
 from sim.fitting.validate.report import Section, page
 from sim.fitting.validate.table import ScoreTable
+from sim.fitting.wiring.compass import HARD_IRON
 from sim.fitting.wiring.record import WiringFinding
 
 
@@ -48,25 +49,24 @@ def verdict(outcome: CommissionOutcome) -> list[str]:
 
 def person(outcome: CommissionOutcome) -> list[str]:
     """What only a person can do, in sentences."""
-    fit = outcome.belief.fit
-    fitted = "compass:hard_iron" if fit else ""
-    lines = [_wiring(finding) for finding in outcome.belief.wiring.findings if finding.name != fitted]
-    if fit is not None and abs(fit.heading_offset_rad) > COMPASS_RAD:
+    belief, fit = outcome.belief, outcome.belief.fit
+    if fit is None:
+        return [_wiring(finding) for finding in belief.wiring.findings]
+    lines = [_wiring(finding) for finding in belief.wiring.findings if finding.name != HARD_IRON]  # the fit has it
+    if abs(fit.heading_offset_rad) > COMPASS_RAD:
         lines.append(
             f"The heading is off by {np.degrees(fit.heading_offset_rad):.0f} degrees. The new file says so; better "
             "still, calibrate the compass, and look whether the autopilot is mounted straight."
         )
-    if fit is not None and (iron_deg := _hard_iron_deg(outcome.belief)) > np.degrees(COMPASS_RAD):
+    if (iron_deg := _hard_iron_deg(belief)) > np.degrees(COMPASS_RAD):
         lines.append(
-            f"The heading errs by up to {iron_deg:.0f} degrees, by how the boat is turned, beyond what the "
-            "first file has. "
-            "The new file says so; better still, calibrate the compass where the boat sails, away from iron."
+            f"The heading errs by up to {iron_deg:.0f} degrees, by how the boat is turned, beyond what the first file "
+            "has. The new file says so; better still, calibrate the compass where the boat sails, away from iron."
         )
-    if fit is not None:
-        lines.append(
-            "Weigh the boat: motion shows forces only over inertia, so mass and thrust may be too large or too small "
-            "together. It makes no difference to how the boat drives."
-        )
+    lines.append(
+        "Weigh the boat: motion shows forces only over inertia, so mass and thrust may be too large or too small "
+        "together. It makes no difference to how the boat drives."
+    )
     return lines
 
 

@@ -84,4 +84,4 @@ def _evidence(fit: StructuredFit, point: FitPoint) -> float:
     """Log evidence: that of `StructuredFit`, which counts residuals in sigmas, less the sigmas' own logarithms."""
     counts = np.isfinite(fit.windows.y).sum(axis=(0, 1))
     sigmas = float(counts @ np.log(fit.noise.white)) + 2 * len(fit.windows.fixes.t_s) * np.log(fit.noise.fix_m)
-    return fit.evidence(point, fit.noise) - sigmas
+    return float(fit.evidence(point, fit.noise) - sigmas)

@@ -8,8 +8,8 @@ from companion.core.configuration.vessel_file import VesselFile
 from companion.core.model.effects.term import LoadParameter
 from companion.core.model.loads import REGISTRY, values
 
-IMU_PLACE, HARD_IRON = ("imu_x_m", "imu_y_m"), ("hard_iron_cos_rad", "hard_iron_sin_rad")
-IMU = IMU_PLACE + HARD_IRON
+HARD_IRON: tuple[str, ...] = ("hard_iron_cos_rad", "hard_iron_sin_rad")
+IMU = ("imu_x_m", "imu_y_m", *HARD_IRON)
 SURROUNDINGS = tuple(
     (term, LoadParameter(f"{term}_{way}_m_s", "m/s", start, -most, most, what))
     for term, start, most, what in (("current", 0.01, 2.0, "flows towards"), ("wind", 0.5, 25.0, "comes from"))

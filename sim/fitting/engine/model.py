@@ -62,7 +62,7 @@ def symbolic_model(
 
 def _polar(north: ca.SX, east: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Size, and direction [deg]; with slopes at nothing, too."""
-    north += TINY**0.5
+    north = north + TINY**0.5
     return ca.sqrt(north**2 + east**2 + TINY), ca.atan2(east, north) * (180 / ca.pi)
 
 

@@ -25,6 +25,8 @@ from sim.fitting.engine.linearise import HUBER
 from sim.fitting.engine.smoothing import SmootherNoise, smooth
 from sim.fitting.wiring.record import SURE_NATS, WiringFinding
 
+HARD_IRON = "compass:hard_iron"
+"""Name of the finding."""
 LEAST_M_S, STEEPEST = 0.4, 0.5
 """Rows are where the boat makes that much way, and drifts by no more than this share of it; assumed."""
 STEP_S, BLOCK_S = 0.5, 10.0
@@ -86,7 +88,7 @@ def compass_finding(runs: Mapping[str, Run], vessel: VesselFile) -> list[WiringF
     imu = iron.put_right(vessel).sensors.imu
     keys = f"hard_iron_cos_rad = {imu.hard_iron_cos_rad:.3f}, hard_iron_sin_rad = {imu.hard_iron_sin_rad:.3f}"
     finding = WiringFinding(
-        name="compass:hard_iron",
+        name=HARD_IRON,
         text=f"the heading errs by up to {amplitude:.0f} (+- {2 * sigma:.0f}) degrees, by how the boat is turned",
         nats=round(iron.nats, 1),
         logs=tuple(runs),

@@ -2,6 +2,7 @@
 
 from dataclasses import replace as changed
 
+import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -38,6 +39,7 @@ def test_two_flights_tell_which_way_each_thruster_pushes_aside_unless_the_imu_is
     assert (np.sign(configuration_matrix(known.vessel)) == np.sign(configuration_matrix(true))).all()
     assert [(f.thrusters, f.certain) for f in known.wiring.findings] == [(True, True)] * bool(moves)
     assert all((f.nats or 0.0) > CLEAR_NATS for f in known.wiring.findings)
+    assert msgspec.json.decode(msgspec.json.encode(known.wiring), type=WiringReport) == known.wiring
     for quarters in (1, 2):
         turned = Correction("turned", "", forces=turn(quarters), tilted=True)
         wrong = [NamedLog(log.name, turned.apply(log.run)) for log in found]
